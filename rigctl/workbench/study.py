@@ -250,14 +250,6 @@ class Study(Protocol):
 
 
 @runtime_checkable
-class AsksOneByOne(Study, Protocol):
-    """A study that makes the candidates of one effect without those of all others."""
-
-    def candidates_of(self, model: Model, values: FloatArray, effect: str) -> list[Candidate]:
-        """Those among `candidates` that are of `effect`, by id."""
-
-
-@runtime_checkable
 class HasBreaks(Protocol):
     """A study with effects that break the level, as noise that is correlated along an order seems to."""
 

@@ -60,7 +60,7 @@ def test_one_effect_is_asked_about_as_all_are() -> None:
     values = np.array([each.start for each in model.parameters])
     every = beside.candidates(model, values)[0]
     for effect in (*beside.effects(), "periodic[z]#2"):
-        one = beside.candidates_of(model, values, effect)
+        one = [each for group in beside.groups_of(model, values, effect) for each in group]
         assert [each.term for each in one] == [each.term for each in every if each.term.effect == effect]
         for mine, others in zip(one, (each for each in every if each.term.effect == effect), strict=True):
             np.testing.assert_array_equal(mine.derivative, others.derivative)
@@ -404,7 +404,7 @@ def test_periods_closer_than_one_oscillation_in_the_span_are_one_whose_amplitude
         {"y": (1.0 + 0.02 * t) * np.cos(2.0 * np.pi * t / 4.0) + 0.05 * RNG.standard_normal(t.size), "t": t}, "b0"
     )
     model = waves.model([Term("periodic[t]", {"period": 4.0, "origin": 0.0})])
-    offered = waves.candidates_of(model, np.array([each.start for each in model.parameters]), "periodic[t]#2")
+    (offered,) = waves.groups_of(model, np.array([each.start for each in model.parameters]), "periodic[t]#2")
     away = [abs(1.0 / each.term.choice["period"] - 0.25) for each in offered]
     assert min(away) >= 1.0 / np.ptp(t)
     assert len(away) > 100

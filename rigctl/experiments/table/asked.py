@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property, partial
+from itertools import groupby
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level
 from rigctl.experiments.table.spanned import Spanned
 from rigctl.experiments.table.study_data import TableData
+from rigctl.workbench.groups import Groups
 from rigctl.workbench.study import Candidate, NotTestable, Term
 from rigctl.workbench.verdict.offsets import in_units
 
@@ -41,17 +43,17 @@ class Asked:
         self._data, self._plugins, self._model, self._values = data, plugins, model, values
         self._taken = {term.effect for term in model.terms}
 
-    def of(self, base: str) -> list[Candidate] | NotTestable:
-        """The candidates of an effect, by its id in the catalogue; none where the model has it already."""
+    def of(self, base: str) -> Groups | NotTestable:
+        """The candidates of an effect, by its id in the catalogue, and of terms of it that the model has."""
         if base in self._plugins:
             return self._of_plugin(base)
         effect = self._data.generic[base]
         if base in self._taken and not isinstance(effect, Scanned):
-            return []
+            return {}
         if reason := self._data.why_not(base):
             return NotTestable(base, reason)
         if isinstance(effect, Group):
-            return [group_candidate(effect, self._jacobian, self._left)]
+            return {base: [[group_candidate(effect, self._jacobian, self._left)]]}
         assert isinstance(effect, Form)
         # In this order: a form that is another one by name is not asked about further.
         reason = (
@@ -66,10 +68,12 @@ class Asked:
         if isinstance(effect, Scanned):
             name = next_id(base, self._taken)
             there, beside = self._periods(effect), (unit, self._spanned, self._left)
-            more = scan_candidates(effect, name, [term.choice for term in there], self._data.scans, *beside)
-            return [*more, *(richer_candidates(effect, there, *beside) if isinstance(effect, Periodic) else ())]
+            scan = scan_candidates(effect, name, [term.choice for term in there], self._data.scans, *beside)
+            more = [(each.effect, richer_candidates(effect, each, *beside)) for each in there]
+            return {effect: [group] for effect, group in ((name, scan), *more) if len(group)}
         choices = effect.choices(spans_of(self._spanned))
-        return [candidate_of(effect, Term(base, each), unit, self._spanned, self._left) for each in choices]
+        found = [candidate_of(effect, Term(base, each), unit, self._spanned, self._left) for each in choices]
+        return {base: [list(group) for _, group in groupby(found, lambda each: len(each.names))]} if found else {}
 
     def _periods(self, form: Scanned) -> list[Term]:
         """The terms of a periodic form that the model has, with the periods as they are fitted."""
@@ -79,12 +83,12 @@ class Asked:
             if isinstance(piece, ColumnPiece) and isinstance(piece.form, Periodic) and piece.form.id == form.id
         ]
 
-    def _of_plugin(self, name: str) -> list[Candidate] | NotTestable:
+    def _of_plugin(self, name: str) -> Groups | NotTestable:
         if name in self._taken:
-            return []
+            return {}
         piece = PluginPiece(Term(name), self._plugins[name], self._data.readings)
         found = plugin_candidate(piece, self._model.signal(self._values))
-        return [found] if isinstance(found, Candidate) else found
+        return {name: [[found]]} if isinstance(found, Candidate) else found
 
     @cached_property
     def _jacobian(self) -> FloatArray:

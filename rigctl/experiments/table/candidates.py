@@ -22,6 +22,7 @@ from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level, Slope
 from rigctl.experiments.table.observe.readings import Column
 from rigctl.experiments.table.spanned import Spanned, some_of, span_of_functions
+from rigctl.workbench.groups import ScanChoices
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
 Whitener = Callable[[FloatArray], FloatArray]
@@ -137,33 +138,32 @@ def scan_candidates(
     response_unit: str,
     spanned: Spanned,
     residual: FloatArray,
-) -> list[Candidate]:
+) -> ScanChoices:
     """A scanned form with each of its choices: what `candidate_of` does for one. `there` are periods of the model."""
     scan = scans.scan(form, spanned)
     names, units = tuple(f"{effect}{name}" for name in form.names()), form.units(response_unit)
     typical = _rms(residual) / np.maximum(scan.rms, np.finfo(np.float64).tiny)
     choices = scans.choices(form)
-    return [
-        Candidate(Term(effect, choices[place]), names, units, scan, typical[place], place, scanned=1)
-        for place in _resolved(form, choices, there)
-    ]
+    return ScanChoices(effect, names, units, scan, choices, typical, _resolved(form, choices, there))
 
 
-def _resolved(form: Scanned, choices: Sequence[Choice], there: Sequence[Choice]) -> list[int]:
+def _resolved(form: Scanned, choices: Sequence[Choice], there: Sequence[Choice]) -> IntArray:
     """Places of the choices that are others than the periods that are `there`."""
     if not isinstance(form, Periodic) or not there:
-        return list(range(len(choices)))
+        return np.arange(len(choices))
     periods = np.array([choice["period"] for choice in choices])
-    return np.flatnonzero(np.all([form.resolved_from(periods, one) for one in there], axis=0)).tolist()
+    return np.flatnonzero(np.all([form.resolved_from(periods, one) for one in there], axis=0))
 
 
 def richer_candidates(
-    form: Periodic, terms: Sequence[Term], response_unit: str, spanned: Spanned, residual: FloatArray
+    form: Scanned, term: Term, response_unit: str, spanned: Spanned, residual: FloatArray
 ) -> list[Candidate]:
-    """Periodic terms of the model, each with one harmonic more: what that adds at its period."""
-    found = []
+    """A periodic term of the model with one harmonic more: what that adds at its period."""
+    found: list[Candidate] = []
+    if not isinstance(form, Periodic):
+        return found
     space = _trivial_space(form, spanned)
-    for term, choice in [(each, choice) for each in terms for choice in form.richer(each.choice)]:
+    for choice in form.richer(term.choice):
         known = form.names(term.choice)
         new = [place for place, name in enumerate(form.names(choice)) if name not in known]
         columns = form.basis(choice)[:, new]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.proposals import options
 from rigctl.experiments.table.spanned import Spanned
 from rigctl.experiments.table.study_data import TableData
+from rigctl.workbench.groups import Groups
 from rigctl.workbench.study import (
     Candidate,
     Model,
@@ -114,22 +116,27 @@ class TableStudy(StudyBase[TableData]):
 
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         """Every effect that `model` lacks; a scanned one once per point of its grid."""
+        groups, untestable = self.candidate_groups(model, values)
+        return [each for of_effect in groups.values() for each in chain(*of_effect)], untestable
+
+    def candidate_groups(self, model: Model, values: FloatArray) -> tuple[Groups, list[NotTestable]]:
+        """The same by effect."""
         asked = self._asked(model, values)
-        candidates: list[Candidate] = []
+        groups: Groups = {}
         untestable: list[NotTestable] = []
         for effect in (*self.data.generic, *self.catalogue):
             found = asked.of(effect)
             if isinstance(found, NotTestable):
                 untestable.append(found)
             else:
-                candidates += found
-        return candidates, untestable
+                groups |= found
+        return groups, untestable
 
-    def candidates_of(self, model: Model, values: FloatArray, effect: str) -> list[Candidate]:
+    def groups_of(self, model: Model, values: FloatArray, effect: str) -> list[Sequence[Candidate]]:
         """The same of one effect."""
         base = effect if effect in self.catalogue else base_of(effect, self.data.generic)
         found = self._asked(model, values).of(base)
-        return [] if isinstance(found, NotTestable) else [each for each in found if each.term.effect == effect]
+        return [] if isinstance(found, NotTestable) else found.get(effect, [])
 
     def _asked(self, model: Model, values: FloatArray) -> Asked:
         assert isinstance(model, TableModel)

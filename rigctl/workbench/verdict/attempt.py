@@ -80,7 +80,7 @@ class Attempt(FittedModel):
         if known is not None and noise is not None:
             self.estimator, last = known.estimator, first
         else:
-            self.estimator = estimator_of(first, lambda: self.candidates, self.generic)
+            self.estimator = estimator_of(first, lambda: self._questions.groups, self.generic)
             last = with_estimated_noise(first, self.estimator)
         super().__init__(model, last.noise, last.held, last.result)
 
@@ -189,7 +189,8 @@ class Attempt(FittedModel):
     @cached_property
     def _sketched(self) -> SketchedTrials | None:
         """Of a long table; None of others."""
-        long = any(isinstance(each.columns, SummedScan) for each in self.candidates)
+        groups = itertools.chain(*self._questions.groups.values())
+        long = any(isinstance(group[0].columns, SummedScan) for group in groups)
         return SketchedTrials(self.projector) if long else None
 
     def family(self, name: str) -> Family:
@@ -306,8 +307,7 @@ class Attempt(FittedModel):
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """What the smallest p-values would be with nothing hidden, the noise estimated each time."""
-        candidates = [each for groups in self._questions.groups.values() for group in groups for each in group]
-        return bootstrap(self, candidates, self.scores, self.estimator, self.generic, self.seed)
+        return bootstrap(self, self.candidates, self.scores, self.estimator, self.generic, self.seed)
 
     @cached_property
     def best_shape(self) -> Best | None:

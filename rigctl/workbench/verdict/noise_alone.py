@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.groups import Groups
 from rigctl.workbench.study import Candidate
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.generic import Generic
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.noise_pool import WHITE_ODDS, Pool, Whitenings
 from rigctl.workbench.verdict.offsets import from_units, in_units
-from rigctl.workbench.verdict.questions import Groups
 from rigctl.workbench.verdict.scan import inverse_root
 from rigctl.workbench.verdict.score import ABSORBED, UNDETERMINED
 

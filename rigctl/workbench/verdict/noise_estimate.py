@@ -8,14 +8,15 @@ inflates the noise nor poses as red noise.
 
 from __future__ import annotations
 
-from collections import Counter
+import itertools
 from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.study import Candidate, Observations
+from rigctl.workbench.groups import Groups
+from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.generic import Generic
 from rigctl.workbench.verdict.kernels import SlowNoise
@@ -139,19 +140,19 @@ class NoiseEstimator:
         return Noise(sigma, now.dof, tuple(factors), tuple(correlations))
 
 
-def estimator_of(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], generic: Generic) -> NoiseEstimator:
+def estimator_of(fitted: FittedModel, asked: Callable[[], Groups], generic: Generic) -> NoiseEstimator:
     """What is hidden may be in the catalogue, or of any plain shape; scans are too many to project out."""
     given = fitted.model.observations
 
     @cache
     def few() -> Hidden:
-        candidates = asked()
-        counts = Counter(candidate.term.effect for candidate in candidates)
-        named = [
-            (each.whole() if each.whole else each.derivative, each.whole is not None)
-            for each in candidates
-            if counts[each.term.effect] <= _SCANNED
+        candidates = [
+            each
+            for groups in asked().values()
+            if sum(map(len, groups)) <= _SCANNED
+            for each in itertools.chain(*groups)
         ]
+        named = [(each.whole() if each.whole else each.derivative, each.whole is not None) for each in candidates]
         return Hidden.of(named, len(given.value))
 
     def possible(where: IntArray) -> list[Hidden]:

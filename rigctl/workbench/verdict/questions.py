@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from rigctl.core.arrays import FloatArray
-from rigctl.workbench.study import AsksOneByOne, Candidate, Model, NotTestable, Study
-
-Groups = dict[str, list[list[Candidate]]]
-"""Candidates effect by effect, choices with as many parameters together."""
+from rigctl.workbench.groups import AsksOneByOne, Groups
+from rigctl.workbench.study import Candidate, Model, NotTestable, Study
 
 
 class Questions:
@@ -23,30 +21,32 @@ class Questions:
     @property
     def candidates(self) -> list[Candidate]:
         """Every effect that the model lacks, one per choice."""
-        return self._asked[0]
+        return [each for groups in self.groups.values() for group in groups for each in group]
 
     @property
     def not_testable(self) -> list[NotTestable]:
         """Effects that these data cannot be asked about."""
         return self._asked[1]
 
-    @cached_property
+    @property
     def groups(self) -> Groups:
         """All candidates."""
-        return _grouped(self.candidates)
+        return self._asked[0]
 
-    def of(self, effect: str) -> list[list[Candidate]]:
+    def of(self, effect: str) -> list[Sequence[Candidate]]:
         """Those of one effect; none where it is no candidate. Often no other is asked about."""
         if "_asked" in self.__dict__ or not isinstance(self._study, AsksOneByOne):
             return self.groups.get(effect, [])
         if effect not in self._one_by_one:
-            candidates = self._study.candidates_of(self._model, self._values, effect)
-            self._one_by_one[effect] = _grouped(candidates).get(effect, [])
+            self._one_by_one[effect] = self._study.groups_of(self._model, self._values, effect)
         return self._one_by_one[effect]
 
     @cached_property
-    def _asked(self) -> tuple[list[Candidate], list[NotTestable]]:
-        return self._study.candidates(self._model, self._values)
+    def _asked(self) -> tuple[Groups, list[NotTestable]]:
+        if isinstance(self._study, AsksOneByOne):
+            return self._study.candidate_groups(self._model, self._values)
+        candidates, not_testable = self._study.candidates(self._model, self._values)
+        return _grouped(candidates), not_testable
 
 
 def _grouped(candidates: Sequence[Candidate]) -> Groups:

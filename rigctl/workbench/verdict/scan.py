@@ -37,6 +37,20 @@ class OwnNoise:
     dof: float
 
 
+class Draws:
+    """Noise drawn for many scans: `values` (draws, n + priors), and a `name` under which products may be kept."""
+
+    def __init__(self, values: NDArray[np.float32], name: object) -> None:
+        self.values, self.name = values, name
+        self._fitted: tuple[Projector, NDArray[np.float32]] | None = None
+
+    def fitted(self, projector: Projector) -> NDArray[np.float32]:
+        """Products with what is fitted, (draws, rank), kept for the last: the scans beside one model share them."""
+        if self._fitted is None or self._fitted[0] is not projector:
+            self._fitted = projector, self.values @ projector.basis.astype(np.float32)
+        return self._fitted[1]
+
+
 def asked_along(projector: Projector, own: OwnNoise | None) -> FloatArray:
     """The vectors (n, q) whose products with columns tell scores: what is fitted, what is left, what tells noise."""
     left = projector.left[: projector.data]
@@ -116,11 +130,11 @@ class ScanScores:
         """Of each choice."""
         return np.asarray(self._determined.sum(axis=1), dtype=np.intp)
 
-    def smallest_p(self, draws: NDArray[np.float32], name: object) -> FloatArray:
-        """The smallest p over the choices in each draw of noise (draws, n + priors) of this `name`."""
+    def smallest_p(self, draws: Draws) -> FloatArray:
+        """The smallest p over the choices in each draw of noise."""
         data = self._projector.data
-        along = self._unit.along_draws(np.ascontiguousarray(draws[:, :data]), name)
-        fitted = draws @ self._projector.basis.astype(np.float32)
+        along = self._unit.along_draws(np.ascontiguousarray(draws.values[:, :data]), draws.name)
+        fitted = draws.fitted(self._projector)
         shadow = self._shadow.transpose(0, 2, 1).astype(np.float32).reshape(len(self._shadow), -1)
         # T = x' R R' x with x what is left of a draw along the columns: no basis is made for a choice.
         form = np.einsum("kij,klj->ilk", self._root, self._root).astype(np.float32)
@@ -129,7 +143,7 @@ class ScanScores:
         # T = 0 of what does not count has p = 1 in any dimension: it is left among the others.
         dimension = np.where(counts, self.dimension, np.max(self.dimension))
         smallest, at_once = [], max(_AT_ONCE // shadow.shape[1], 1)
-        for first in range(0, len(draws), at_once):
+        for first in range(0, len(fitted), at_once):
             rows = slice(first, first + at_once)
             free = along[rows] - (fitted[rows] @ shadow).reshape(-1, *along.shape[1:])
             smallest.append(smallest_p(_quadratic(free, form), dimension))

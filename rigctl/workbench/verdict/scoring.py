@@ -11,7 +11,8 @@ import numpy as np
 from rigctl.analysis.sketch import sketch_of
 from rigctl.analysis.summed_columns import SummedColumns, SummedScan
 from rigctl.analysis.unit_columns import Scan, UnitColumns
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.groups import ScanChoices
 from rigctl.workbench.study import Candidate
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
@@ -58,7 +59,7 @@ class Scoring:
 
     def of_scan(self, choices: Sequence[Candidate]) -> ScanScores:
         """Of all choices of a scan."""
-        scan, asked = choices[0].columns, np.array([each.place for each in choices], dtype=np.intp)
+        scan, asked = choices[0].columns, _places(choices)
         # Sums over the rows cannot be whitened across them.
         if not isinstance(scan, Scan | SummedScan) or (isinstance(scan, SummedScan) and self._noise.factors):
             scan, asked = Scan(np.stack([each.derivative for each in choices], axis=1)), np.arange(len(choices))
@@ -102,6 +103,13 @@ class Scoring:
         scale = max(dof - explained, 1e-9 * dof) / (dof - taken)
         p_value = p_of(score.statistic / scale, score.dimension, dof - taken)
         return replace(score, dof=dof - taken, p_value=float(p_value))
+
+
+def _places(choices: Sequence[Candidate]) -> IntArray:
+    """Of candidates in their scan."""
+    if isinstance(choices, ScanChoices):
+        return choices.places
+    return np.array([each.place for each in choices], dtype=np.intp)
 
 
 def _common_ratio(stated: FloatArray, estimated: FloatArray) -> float | None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.verdict.noise import orthonormal
-from rigctl.workbench.verdict.scan import ScanScores
+from rigctl.workbench.verdict.scan import Draws, ScanScores
 from rigctl.workbench.verdict.score import smallest_p
 
 # Forty lie below the 2 % quantile: the number of trials is known to 16 %.
@@ -84,14 +84,14 @@ def _smallest(families: Mapping[str, Family], rows: int, seed: int) -> dict[str,
         draws = np.zeros((DRAWS, 0), dtype=np.float32)
         frame = orthonormal(span, 1e-6) if span.shape[1] > 1 else span
         along = rng.standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
-    smallest, first = {}, 0
+    smallest, first, drawn = {}, 0, Draws(draws, (seed, rows))
     for name, family in families.items():
         dimensions = np.array([basis.shape[1] for basis in wide[name]], dtype=np.intp)
         last = first + int(dimensions.sum())
         smallest[name] = _smallest_of_bases(along[:, first:last], dimensions)
         for each in family.scans:
             if each.dimension.any():
-                smallest[name] = np.minimum(smallest[name], each.smallest_p(draws, (seed, rows)))
+                smallest[name] = np.minimum(smallest[name], each.smallest_p(drawn))
         first = last
     return smallest
 
@@ -101,10 +101,10 @@ def smallest_of(family: Family, draws: NDArray[np.float32], name: object) -> Flo
     wide = [basis for basis in family.bases if basis.shape[1]]
     dimensions = np.array([basis.shape[1] for basis in wide], dtype=np.intp)
     span = np.hstack([np.zeros((draws.shape[1], 0)), *wide]).astype(np.float32)
-    smallest = _smallest_of_bases(draws @ span, dimensions)
+    smallest, drawn = _smallest_of_bases(draws @ span, dimensions), Draws(draws, name)
     for each in family.scans:
         if each.dimension.any():
-            smallest = np.minimum(smallest, each.smallest_p(draws, name))
+            smallest = np.minimum(smallest, each.smallest_p(drawn))
     return smallest
 
 
