@@ -172,9 +172,7 @@ class Group:
             following = GroupState.READY_FOLLOWING_ERROR
         for positioner in self.positioners.values():
             positioner.error_word |= FOLLOWING_ERROR_BIT
-        # The state changes at once; the stage has still to come to rest.
-        self._end(following, -25)
-        self._brake_hard(lambda: None)
+        self._collapse(following, -25)
 
     def hit_limit(self) -> None:
         """Run into the end-of-run switch ahead: emergency brake, the group is to be initialised anew."""
@@ -205,11 +203,13 @@ class Group:
         """The motors are dead; nobody is told."""
         # Before the state changes, which would answer them.
         self._blocked, self._enders = [], []
-        self._collapse(GroupState.NOT_INITIALISED, 0)
+        self._end(GroupState.NOT_INITIALISED)
+        self._brake_hard(lambda: None)
 
     def _collapse(self, state: GroupState, code: int) -> None:
-        self._end(state, code)
-        self._brake_hard(lambda: None)
+        """Answer at once those who wait, brake, and enter the state at rest."""
+        self._end(GroupState.EMERGENCY_BRAKING, code)
+        self._brake_hard(lambda: self._end(state))
 
     def _referenced(self) -> None:
         for positioner in self.positioners.values():

@@ -150,6 +150,8 @@ def play(kind: str, fault: str, steps: Sequence[Step], name: str = "") -> None:
                     assert re.fullmatch(reply, heard), (command, heard, reply)
 
 
+XPS_BRAKES = [Says("GroupStatusGet(Group1,int *)", "0,40"), Wait(10.5)]
+"""Who waited has been answered, and the stage still turns."""
 XPS_READY = [
     Says("GroupInitialize(Group1)", "0,"),
     Says("GroupHomeSearch(Group1)", "0,"),
@@ -190,6 +192,7 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
         [
             *XPS_READY,
             Says(XPS_MOVE, r"-25,GroupMoveAbsolute\(Group1,150\)"),
+            *XPS_BRAKES,
             Says("GroupStatusGet(Group1,int *)", "0,22"),
             Says("PositionerErrorGet(Group1.Pos,int *)", "0,2"),
         ],
@@ -199,6 +202,7 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
         [
             *XPS_READY,
             Says(XPS_MOVE, r"-45,GroupMoveAbsolute\(Group1,150\)"),
+            *XPS_BRAKES,
             Says("GroupStatusGet(Group1,int *)", "0,1"),
             Says("PositionerErrorRead(Group1.Pos,int *)", "0,512"),
             Says("PositionerHardwareStatusGet(Group1.Pos,int *)", "0,516"),
@@ -211,6 +215,7 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
         [
             *XPS_READY,
             Says(XPS_MOVE, r"-26,GroupMoveAbsolute\(Group1,150\)"),
+            *XPS_BRAKES,
             Says("GroupStatusGet(Group1,int *)", "0,2"),
             Says("PositionerErrorGet(Group1.Pos,int *)", "0,1"),
             Says("GroupInitialize(Group1)", r"-26,GroupInitialize\(Group1\)"),

@@ -333,8 +333,14 @@ def test_a_following_error_disables_and_its_word_is_cleared_by_one_of_two_readin
     homed.clock.sleep_s(2.0)
     homed.controller.fail_following("Group1")
     assert homed.a.replies() == ["-25,GroupMoveAbsolute(Group1,100),EndOfAPI"]
+    # No state of rest while it still turns: 20 deg/s at 80 deg/s2.
+    turning_s = 0.0
+    while homed.axis.velocity(homed.clock.now_s()):
+        assert homed.status() == "0,40,EndOfAPI"
+        homed.clock.sleep_s(0.01)
+        turning_s += 0.01
+    assert turning_s > 0.1
     assert homed.status() == "0,22,EndOfAPI"
-    homed.clock.sleep_s(1.0)
     for function in ("Read", "Read", "Get"):
         assert homed.call(f"PositionerError{function}(Group1.Pos,int *)") == "0,2,EndOfAPI"
     assert homed.call("PositionerErrorGet(Group1.Pos,int *)") == "0,0,EndOfAPI"
