@@ -8,14 +8,13 @@ with a query whose answer cannot be mistaken, so that a late answer is never tak
 from __future__ import annotations
 
 import re
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from drivers.connect import serial_ways
-from drivers.conversation import Check, Conversation
-from drivers.numbers import decimal, whole
+from drivers.numbers import whole
 from drivers.transport import Connect, Transport
 from drivers.transport_serial import SerialSettings
+from drivers.unacknowledged_line import UnacknowledgedLine
 from rigctl.core.errors import BadReply, LinkTimeout, WrongInstrument
 
 END = b"\r\n"
@@ -43,21 +42,17 @@ def parse_error(answer: str) -> QueuedError:
     return QueuedError(whole(code), text)
 
 
-class EspLine:
-    """Exchanges with the controller; hold `lock` around those that belong together."""
+class EspLine(UnacknowledgedLine):
+    """Exchanges with the controller."""
 
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
-        self.name = name
         self.found = ""
         """Which of the line's settings the controller answered at; empty where there was nothing to choose."""
         self._timeout_s = timeout_s
         self._ways = serial_ways(connect, LINES)
         self._way = self._ways[0][1]
-        # A serial line: late answers outlive the connection.
-        check = Check(_bytes(VERSION), self._is_version)
-        self._conversation = Conversation(name, lambda: self._way(), check, anew=False)
         self._version = ""
-        self.lock = self._conversation.lock
+        super().__init__(name, lambda: self._way(), VERSION, lambda answer: bool(MODEL.search(answer)))
 
     @property
     def guarded(self) -> bool:
@@ -109,37 +104,9 @@ class EspLine:
         tried = " and ".join(words for words, _ in self._ways)
         return LinkTimeout(f"{error}; tried {tried} with RTS/CTS, as its address says neither")
 
-    def close(self) -> None:
-        """Disconnect for good; an exchange in another thread ends with `LinkLost`."""
-        self._conversation.close()
-
-    def reachable(self) -> AbstractContextManager[None]:
-        """Connected even if it is not open."""
-        return self._conversation.reachable()
-
-    def confirm_in_step(self) -> None:
-        """`OutOfStep` when the version is not the answer to its question, or something else is unread."""
-        self._conversation.confirm_in_step()
-
-    def tell(self, command: str) -> None:
-        """Send a command; nothing comes back."""
-        self._conversation.tell(_bytes(command))
-
-    def shout(self, command: str) -> None:
-        """Send a command past whoever awaits an answer."""
-        self._conversation.shout(_bytes(command))
-
-    def ask(self, query: str) -> str:
-        """The answer to a query, without its end; raises `LinkTimeout` or `LinkLost`."""
-        return self._conversation.ask(_bytes(query), self._read_line)
-
     def ask_number(self, query: str) -> float:
         """The answer to a query as a finite number; `BadReply` otherwise."""
-        answer = self.ask(query)
-        try:
-            return decimal(answer)
-        except ValueError:
-            raise self._bad(query, answer, "a number") from None
+        return self._number(query, self.ask(query))
 
     def next_error(self) -> QueuedError:
         """Take the oldest error off the controller's queue."""
@@ -159,20 +126,8 @@ class EspLine:
             instrument=self.name,
         )
 
-    def _is_version(self, transport: Transport) -> bool:
-        return bool(MODEL.search(self._read_line(transport)))
-
-    def _read_line(self, transport: Transport) -> str:
+    def _read(self, transport: Transport) -> str:
         return transport.read_until(END, self._timeout_s).decode("latin-1").removesuffix("\r\n")
 
-    def _bad(self, query: str, answer: str, expected: str) -> BadReply:
-        self._conversation.doubt()
-        return BadReply(
-            f"{self.name}: {query!r} gave {answer[:80]!r} instead of {expected}; check cable and baud rate",
-            instrument=self.name,
-            text=answer,
-        )
-
-
-def _bytes(line: str) -> bytes:
-    return line.encode("ascii") + b"\r"
+    def _bytes(self, line: str) -> bytes:
+        return line.encode("ascii") + b"\r"

@@ -7,12 +7,11 @@ axis (`1=0.1250`); a question that is not understood has no answer, only an erro
 from __future__ import annotations
 
 import re
-from contextlib import AbstractContextManager
 
-from drivers.conversation import Check, Conversation
-from drivers.numbers import decimal, whole
+from drivers.numbers import whole
 from drivers.transport import Connect, Transport
-from rigctl.core.errors import BadReply, LinkTimeout, WrongInstrument
+from drivers.unacknowledged_line import UnacknowledgedLine
+from rigctl.core.errors import LinkTimeout, WrongInstrument
 
 IDENTITY, ERROR, MOVING = "*IDN?", "ERR?", "\x05"
 """#5 is a single character, and has no line end."""
@@ -20,17 +19,13 @@ MAKER = "Physik Instrumente"
 _MASK = re.compile(r"[0-9A-Fa-f]{1,8}", re.ASCII)
 
 
-class GcsLine:
-    """Exchanges with the controller; hold `lock` around those that belong together."""
+class GcsLine(UnacknowledgedLine):
+    """Exchanges with the controller."""
 
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
-        self.name = name
         self._timeout_s = timeout_s
         self._identity = ""
-        # Serial lines are among its wires: a late answer outlives a connection.
-        check = Check(_bytes(IDENTITY), lambda transport: self._read(transport) == self._identity)
-        self._conversation = Conversation(name, connect, check, anew=False)
-        self.lock = self._conversation.lock
+        super().__init__(name, connect, IDENTITY, lambda answer: answer == self._identity)
 
     def open(self) -> None:
         """Connect; `WrongInstrument` when it is no controller of PI's."""
@@ -44,37 +39,9 @@ class GcsLine:
                 text=self._identity,
             )
 
-    def close(self) -> None:
-        """Disconnect for good; an exchange in another thread ends with `LinkLost`."""
-        self._conversation.close()
-
-    def reachable(self) -> AbstractContextManager[None]:
-        """Connected even if it is not open."""
-        return self._conversation.reachable()
-
-    def confirm_in_step(self) -> None:
-        """`OutOfStep` when the identity is not the answer to its question, or something else is unread."""
-        self._conversation.confirm_in_step()
-
-    def tell(self, command: str) -> None:
-        """Send a command; nothing comes back."""
-        self._conversation.tell(_bytes(command))
-
-    def shout(self, command: str) -> None:
-        """Send a command past whoever awaits an answer."""
-        self._conversation.shout(_bytes(command))
-
-    def ask(self, query: str) -> str:
-        """The answer, without its end."""
-        return self._conversation.ask(_bytes(query), self._read)
-
     def ask_number(self, query: str, axis: str) -> float:
         """The number that the answer gives this axis; `BadReply` when it gives none."""
-        text = self.ask_text(query, axis)
-        try:
-            return decimal(text)
-        except ValueError:
-            raise self._bad(query, text, "a number") from None
+        return self._number(query, self.ask_text(query, axis))
 
     def ask_text(self, query: str, axis: str) -> str:
         """What the answer says of this axis."""
@@ -116,14 +83,5 @@ class GcsLine:
             answer += line
         return answer.decode("latin-1").removesuffix("\n")
 
-    def _bad(self, query: str, answer: str, expected: str) -> BadReply:
-        self._conversation.doubt()
-        return BadReply(
-            f"{self.name}: {query!r} gave {answer[:80]!r} instead of {expected}; check cable and baud rate",
-            instrument=self.name,
-            text=answer,
-        )
-
-
-def _bytes(command: str) -> bytes:
-    return command.encode("ascii") + (b"" if len(command) == 1 else b"\n")
+    def _bytes(self, line: str) -> bytes:
+        return line.encode("ascii") + (b"" if len(line) == 1 else b"\n")
