@@ -395,7 +395,7 @@ def test_the_derivative_of_a_wave_by_its_period_is_that_of_its_harmonics_too() -
         {"period": 3.1, "origin": 0.5, "harmonic2": 1.0, "harmonic5": 1.0},
     )
     either = [form.basis({**choice, "period": 3.1 + step}) @ linear for step in (1e-6, -1e-6)]
-    assert form.slope(choice, linear) == pytest.approx((either[0] - either[1]) / 2e-6, abs=1e-6)
+    assert form.slope(choice, linear, form.basis(choice)) == pytest.approx((either[0] - either[1]) / 2e-6, abs=1e-6)
 
 
 def test_periods_closer_than_one_oscillation_in_the_span_are_one_whose_amplitude_changes() -> None:

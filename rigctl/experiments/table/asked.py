@@ -69,8 +69,8 @@ class Asked:
             name = next_id(base, self._taken)
             there, beside = self._periods(effect), (unit, self._spanned, self._left)
             scan = scan_candidates(effect, name, [term.choice for term in there], self._data.scans, *beside)
-            more = [(each.effect, richer_candidates(effect, each, *beside)) for each in there]
-            return {effect: [group] for effect, group in ((name, scan), *more) if len(group)}
+            groups: Groups = {name: [scan]} if len(scan) else {}
+            return groups | (richer_candidates(effect, there, *beside) if isinstance(effect, Periodic) else {})
         choices = effect.choices(spans_of(self._spanned))
         found = [candidate_of(effect, Term(base, each), unit, self._spanned, self._left) for each in choices]
         return {base: [list(group) for _, group in groupby(found, lambda each: len(each.names))]} if found else {}

@@ -22,7 +22,7 @@ from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level, Slope
 from rigctl.experiments.table.observe.readings import Column
 from rigctl.experiments.table.spanned import Spanned, some_of, span_of_functions
-from rigctl.workbench.groups import ScanChoices
+from rigctl.workbench.groups import Groups, ScanChoices
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
 Whitener = Callable[[FloatArray], FloatArray]
@@ -156,22 +156,26 @@ def _resolved(form: Scanned, choices: Sequence[Choice], there: Sequence[Choice])
 
 
 def richer_candidates(
-    form: Scanned, term: Term, response_unit: str, spanned: Spanned, residual: FloatArray
-) -> list[Candidate]:
-    """A periodic term of the model with one harmonic more: what that adds at its period."""
-    found: list[Candidate] = []
-    if not isinstance(form, Periodic):
-        return found
+    form: Periodic, terms: Sequence[Term], response_unit: str, spanned: Spanned, residual: FloatArray
+) -> Groups:
+    """Periodic terms of the model, each with one harmonic more: what that adds at its period."""
+    groups: Groups = {}
     space = _trivial_space(form, spanned)
-    for choice in form.richer(term.choice):
-        known = form.names(term.choice)
-        new = [place for place, name in enumerate(form.names(choice)) if name not in known]
-        columns = form.basis(choice)[:, new]
-        columns = columns - space @ (space.T @ columns)
-        names = tuple(f"{term.effect}{form.names(choice)[place]}" for place in new)
-        units = (response_unit,) * len(names)
-        found.append(Candidate(Term(term.effect, choice), names, units, columns, _rms(residual) / _rms(columns)))
-    return found
+    for term in terms:
+        richer = [_richer(form, term, choice, response_unit, space, residual) for choice in form.richer(term.choice)]
+        groups |= {term.effect: [richer]} if richer else {}
+    return groups
+
+
+def _richer(
+    form: Periodic, term: Term, choice: Choice, response_unit: str, space: FloatArray, residual: FloatArray
+) -> Candidate:
+    known, named = form.names(term.choice), form.names(choice)
+    new = [place for place, name in enumerate(named) if name not in known]
+    columns = form.basis(choice)[:, new]
+    columns = columns - space @ (space.T @ columns)
+    names, units = tuple(f"{term.effect}{named[place]}" for place in new), (response_unit,) * len(new)
+    return Candidate(Term(term.effect, choice), names, units, columns, _rms(residual) / _rms(columns))
 
 
 def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> Candidate:

@@ -90,6 +90,11 @@ class Attempt(FittedModel):
         return self._questions.candidates
 
     @property
+    def choices(self) -> int:
+        """How many candidates there are."""
+        return sum(map(len, itertools.chain(*self._questions.groups.values())))
+
+    @property
     def not_testable(self) -> list[NotTestable]:
         """Effects that these data cannot be asked about."""
         return self._questions.not_testable

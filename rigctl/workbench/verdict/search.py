@@ -221,7 +221,7 @@ class Search:
     def _climb(self) -> None:
         while len(self.suggested) < MOST_TERMS:
             attempt = self.attempt(self.terms)
-            self._progress(f"effects added: {len(self.suggested)}, candidates: {len(attempt.candidates)}")
+            self._progress(f"effects added: {len(self.suggested)}, candidates: {attempt.choices}")
             chosen = self._next(attempt)
             if chosen is None:
                 break

@@ -111,7 +111,8 @@ class ColumnPiece:
         basis = self.form.basis(choice)
         if not isinstance(self.form, Scanned):
             return basis
-        return np.insert(basis, 0 if self.form.first else basis.shape[1], self.form.slope(choice, linear), axis=1)
+        slope = self.form.slope(choice, linear, basis)
+        return np.column_stack([slope, basis] if self.form.first else [basis, slope])
 
     def passed_on(self, values: FloatArray, signal: FloatArray, changes: FloatArray) -> FloatArray:
         """Zero: it does not depend on the signal."""
@@ -122,8 +123,8 @@ class ColumnPiece:
         if not isinstance(self.form, Scanned):
             return self.choice, values
         # A period stands before its amplitudes, a rate or a place behind.
-        at = 0 if self.form.first else -1
-        return {**self.choice, self.form.scanned: float(values[at])}, np.delete(values, at)
+        scanned, linear = (values[0], values[1:]) if self.form.first else (values[-1], values[:-1])
+        return {**self.choice, self.form.scanned: float(scanned)}, linear
 
 
 @dataclass(frozen=True)

@@ -112,14 +112,11 @@ class Periodic(_OfColumn):
         phase = 2.0 * np.pi * np.outer(self.column.values - choices[0]["origin"], frequencies)
         return np.stack([np.cos(phase), np.sin(phase)], axis=2)
 
-    def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
-        """By the period."""
-        phase = self._phase(choice)
-        turned = [
-            h * (cos * np.sin(h * phase) - sin * np.cos(h * phase))
-            for h, cos, sin in zip(_harmonics(choice), linear[::2], linear[1::2], strict=True)
-        ]
-        return np.asarray(sum(turned) * phase / choice["period"])
+    def slope(self, choice: Choice, linear: FloatArray, basis: FloatArray) -> FloatArray:
+        """By the period, with the basis at this choice."""
+        number = np.array(_harmonics(choice), dtype=np.float64)
+        turned = basis[:, 1::2] @ (number * linear[::2]) - basis[:, ::2] @ (number * linear[1::2])
+        return np.asarray(turned * self._phase(choice) / choice["period"])
 
     def richer(self, choice: Choice) -> list[dict[str, float]]:
         """The same with each of the harmonics that it lacks."""
@@ -194,9 +191,9 @@ class Exponential(_OfColumn):
         """The bases of many choices, shape (n, choices, 1)."""
         return np.stack([self.basis(choice) for choice in choices], axis=1)
 
-    def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
-        """By the rate."""
-        return np.asarray(linear[0] * (self.column.values - choice["origin"]) * self.basis(choice)[:, 0])
+    def slope(self, choice: Choice, linear: FloatArray, basis: FloatArray) -> FloatArray:
+        """By the rate, with the basis at this choice."""
+        return np.asarray(linear[0] * (self.column.values - choice["origin"]) * basis[:, 0])
 
 
 @dataclass(frozen=True)
@@ -249,9 +246,9 @@ class Step(_OfColumn):
         places = np.array([choice["at"] for choice in choices])
         return (self.column.values[:, None] > places).astype(np.float64)[:, :, None]
 
-    def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
+    def slope(self, choice: Choice, linear: FloatArray, basis: FloatArray) -> FloatArray:
         """None: it is held."""
-        del choice, linear
+        del choice, linear, basis
         return np.zeros(self.column.values.size)
 
     def places(self, low: float, high: float) -> FloatArray:
