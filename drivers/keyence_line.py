@@ -114,7 +114,10 @@ class KeyenceLine:
                 return line
             # Automatic output comes all the time: without a deadline of its own the reply would be awaited for ever.
             left_s = deadline_s - self._clock.now_s()
-        raise LinkTimeout(f"only automatic output came in {timeout_s:g} s; end it on the controller's panel")
+        raise LinkTimeout(
+            f"only automatic output came in {timeout_s:g} s, which is not used (LK-G series user's manual, page "
+            "5-24); end it on the controller's panel"
+        )
 
     def _is_program(self, transport: Transport) -> bool:
         # A storage read-out takes up to `readout_timeout_s` on the line, and nothing else is answered meanwhile.
