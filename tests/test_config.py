@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -67,6 +68,25 @@ def changed(data: dict[str, Any], *keys: str, **entries: Any) -> str:
     return to_toml(copied)
 
 
+DIRECTIONS: list[dict[str, Any]] = [
+    {"coc": [1.0, 0.0, 0.0], "uoaf": [0.819152, 0.0, -0.573576], "u_arcsec": 2.0},
+    {"coc": [0.0, 1.0, 0.0], "uoaf": [0.0, 1.0, 0.0], "u_arcsec": 2.0},
+    {"coc": [0.0, 0.0, 1.0], "uoaf": [0.573576, 0.0, 0.819152], "u_arcsec": 2.0},
+]
+MIRRORED = [*DIRECTIONS[:2], {**DIRECTIONS[2], "uoaf": [-0.573576, 0.0, -0.819152]}]
+
+
+def test_the_hosts_frame_may_be_measured() -> None:
+    rig = parse_rig(changed(RIG, "package", uoaf_from_coc=None, uoaf_directions=DIRECTIONS), Path("rig.toml"))
+    assert rig.package is not None
+    found = rig.package.uoaf_rotation()
+    np.testing.assert_allclose(found.matrix, RIG["package"]["uoaf_from_coc"], atol=2e-6)
+    # Two of the three directions know each turn.
+    np.testing.assert_allclose(
+        np.degrees(np.sqrt(np.diag(found.covariance))) * 3600.0, 2.0 / math.sqrt(2.0), rtol=1e-3
+    )
+
+
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_campaign_can_be_run_on_its_rig(name: str) -> None:
     campaign = read_campaign(CAMPAIGNS / name)
@@ -111,6 +131,11 @@ def test_an_unknown_key_of_a_rig_file_is_named(keys: tuple[str, ...], entry: dic
         (("package",), {"lever_mm": "72 mm"}, "package.lever_mm: input should be a valid number, not '72 mm'"),
         (("package",), {"requirement_arcsec": True}, "package.requirement_arcsec: input should be a valid number"),
         (("package",), {"uoaf_from_coc": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 2.0]]}, "is no rotation matrix"),
+        (("package",), {"uoaf_u_arcsec": [1.0, -1.0, 0.0]}, "package.uoaf_u_arcsec"),
+        (("package",), {"uoaf_directions": DIRECTIONS}, "leave out uoaf_from_coc"),
+        (("package",), {"uoaf_from_coc": None, "uoaf_directions": DIRECTIONS[:1]}, "along one line"),
+        (("package",), {"uoaf_from_coc": None, "uoaf_directions": MIRRORED}, "fit no rotation"),
+        (("package",), {"uoaf_from_coc": None, "uoaf_directions": [{**DIRECTIONS[0], "uoaf": [0, 0, 0]}]}, "is zero"),
         (("package", "configurations", "flag"), {"k": "+z"}, "is no right-handed triad"),
         (("package", "configurations", "flag"), {"k": "up"}, "package.configurations.flag.k"),
         (("package", "axes", "Y", "sensor"), {"flag": None}, "axes.Y.sensor lacks configuration flag"),

@@ -81,6 +81,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "lasers.NAME": (package.HeadSettings, set()),
     "package": (package.Package, set()),
     "package.configurations.NAME": (package.ConfigurationSettings, set()),
+    "package.uoaf_directions": (package.MeasuredDirection, set()),
     "package.axes.NAME": (package.AxisSettings, set()),
     "package.axes.NAME.sensor.CONFIGURATION": (package.SensorSettings, set()),
     "constants.NAME": (Constant, set()),

@@ -12,7 +12,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from rigctl.analysis.plane import ARCSEC
+from rigctl.analysis.rotation import FrameRotation, rotation_between
 from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
 from rigctl.core.file_tables import Table
 
 Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
@@ -111,8 +114,29 @@ class HeadSettings(Table):
         return math.radians(self.tilt_deg)
 
 
+PositiveOrZero = Annotated[float, Field(ge=0)]
+
+
+class MeasuredDirection(Table):
+    """A direction known in the cube's frame, such as a face's normal, and as it was measured in the host's."""
+
+    coc: tuple[float, float, float]
+    uoaf: tuple[float, float, float]
+    u_arcsec: Annotated[float, Field(gt=0)]
+
+
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+# Of a chi-square: directions that fit worse by chance are rarer than mistakes in writing them down.
+_IMPOSSIBLE = 1e-6
+
+
 class Package(Table):
-    """The package: sensors, mountings, frames, requirement."""
+    """The package: sensors, mountings, frames, requirement.
+
+    The host's frame is given by `uoaf_from_coc` with its uncertainty, three independent turns about the host's axes,
+    or by `uoaf_directions` that were measured.
+    """
 
     name: str
     requirement_arcsec: Annotated[float, Field(gt=0)] = 100.0
@@ -122,10 +146,10 @@ class Package(Table):
     axes: dict[str, AxisSettings]
     configurations: dict[str, ConfigurationSettings]
     uoaf_from_coc: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] = (
-        (1.0, 0.0, 0.0),
-        (0.0, 1.0, 0.0),
-        (0.0, 0.0, 1.0),
+        IDENTITY
     )
+    uoaf_u_arcsec: tuple[PositiveOrZero, PositiveOrZero, PositiveOrZero] = (0.0, 0.0, 0.0)
+    uoaf_directions: tuple[MeasuredDirection, ...] = ()
 
     @model_validator(mode="after")
     def _consistent(self) -> Package:
@@ -133,6 +157,7 @@ class Package(Table):
         within = np.abs(matrix).max() <= 1.0 + 1e-4
         if not (within and np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-4) and np.linalg.det(matrix) > 0):
             raise ValueError("uoaf_from_coc is no rotation matrix")
+        self._require_one_host_frame()
         for name, axis in self.axes.items():
             if name != axis.cube_axis:
                 raise ValueError(
@@ -142,6 +167,37 @@ class Package(Table):
             if missing:
                 raise ValueError(f"axes.{name}.sensor lacks configuration {', '.join(missing)}")
         return self
+
+    def _require_one_host_frame(self) -> None:
+        if not self.uoaf_directions:
+            return
+        if self.uoaf_from_coc != IDENTITY or any(self.uoaf_u_arcsec):
+            raise ValueError("uoaf_directions determine the host's frame; leave out uoaf_from_coc and uoaf_u_arcsec")
+        lengths = [np.linalg.norm(v) for each in self.uoaf_directions for v in (each.coc, each.uoaf)]
+        if not all(math.isfinite(length) and length > 0.0 for length in lengths):
+            raise ValueError("uoaf_directions: a direction is zero or no number")
+        try:
+            rotation = self.uoaf_rotation()
+        except DataError as error:
+            raise ValueError(f"uoaf_directions: {error}") from error
+        from scipy.special import chdtrc
+
+        if rotation.dof and chdtrc(rotation.dof, rotation.chi2) < _IMPOSSIBLE:
+            raise ValueError(
+                f"uoaf_directions fit no rotation: chi-square {rotation.chi2:.3g} of {rotation.dof} degrees of "
+                "freedom; look for a sign or a face that was mistaken, or raise u_arcsec"
+            )
+
+    def uoaf_rotation(self) -> FrameRotation:
+        """R_UC with its uncertainty."""
+        if not self.uoaf_directions:
+            variances = (np.asarray(self.uoaf_u_arcsec) * ARCSEC) ** 2
+            return FrameRotation(np.asarray(self.uoaf_from_coc), np.diag(variances))
+        coc, uoaf, u_arcsec = (
+            np.array([getattr(each, name) for each in self.uoaf_directions], dtype=np.float64)
+            for name in ("coc", "uoaf", "u_arcsec")
+        )
+        return rotation_between(coc, uoaf, u_arcsec * ARCSEC)
 
     def turntable_from_cube(self, axis: str, configuration: str) -> FloatArray:
         """Nominal M of a mounting, shape (3, 3)."""

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from rigctl.analysis.clock_fit import ClockFit
 from rigctl.analysis.plane import ARCSEC, fit_plane
+from rigctl.analysis.rotation import FrameRotation
 from rigctl.effects.catalogue import chosen
 from rigctl.experiments.sensing_axis.model.fit import fit_recording
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
@@ -28,6 +30,7 @@ CERTIFIED = {
     "rotation": {"resolution_arcsec": 0.36},
 }
 SCATTER_ARCSEC = 12.5
+HOST = FrameRotation(np.eye(3), np.zeros((3, 3)))
 
 
 @pytest.fixture
@@ -60,7 +63,7 @@ def result(make_run: Any, package: Any, heads: Any) -> SensingAxisResult:
     nulls = tuple(fit.nulls())
     vectors = np.array([null.vector_coc for null in nulls])
     plane = fit_plane(vectors, np.array([1.0, 0.0, 0.0]))
-    return SensingAxisResult({"X": AxisResult("X", plane, nulls, vectors, plane.normal, 100.0)}, {}, fit)
+    return SensingAxisResult({"X": AxisResult("X", plane, nulls, vectors, HOST, 100.0)}, {}, fit)
 
 
 @pytest.fixture
@@ -159,3 +162,37 @@ def test_offsets_of_the_heads_clocks_are_in_the_budget(result: SensingAxisResult
     assert (row.standard_uncertainty, row.unit, row.type) == (pytest.approx(2e-6), "s", "A")
     # In-phase parts do not depend on it in first order.
     assert np.abs(component(found, "clock of laser_2_mm")).max() < 1e-3 * ARCSEC
+
+
+def test_the_rotation_into_the_hosts_frame_turns_the_axis_and_adds_its_uncertainty(result: SensingAxisResult) -> None:
+    turn = Rotation.from_rotvec([0.0, math.radians(35.0), 0.0]).as_matrix()
+    # Turns about two directions go together, and the one about the axis itself moves it by nothing.
+    mixing = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 4.0]]) * (5.0 * ARCSEC) ** 2
+    axis = replace(result.axes["X"], host=FrameRotation(turn, mixing, 1.0, 3))
+    found = axis_budgets(replace(result, axes={"X": axis}), CERTIFIED)["X"]
+    plain = axis_budgets(result, CERTIFIED)["X"].budget
+    there = turn @ axis.plane.normal
+    drawn = np.random.default_rng(3).multivariate_normal(np.zeros(3), mixing, 100_000)
+    moved = np.cross(drawn, there) @ (found.basis @ turn.T).T
+    added = found.budget.standard_uncertainty**2 - plain.standard_uncertainty**2
+    np.testing.assert_allclose(added, moved.var(axis=0), rtol=0.02)
+    assert sum(each.name.startswith("host frame about") for each in found.budget.contributions) == 3
+    uoaf, covariance = axis.host.carried(axis.plane.normal, np.zeros((3, 3)))
+    np.testing.assert_allclose(uoaf, there)
+    np.testing.assert_allclose(covariance, np.cov(np.cross(drawn, there).T), atol=0.02 * np.trace(covariance))
+    np.testing.assert_allclose(np.array(found.as_json()["basis_uoaf"]) @ there, 0.0, atol=1e-12)
+
+
+def test_local_gravity_is_in_the_budget_and_follows_the_fitted_roll(result: SensingAxisResult) -> None:
+    stated = component(axis_budgets(result, {"constants": {"g_m_s2": 0.05}})["X"], "local gravity")
+    changed = fit_recording(result.fit.model.with_gravity(9.853))
+    vectors = np.array([null.vector_coc for null in changed.nulls()])
+    basis = axis_budgets(result, {})["X"].basis
+    moved = basis @ (fit_plane(vectors, TRUE_AXIS).normal - result.axes["X"].plane.normal)
+    np.testing.assert_allclose(moved, stated, atol=2e-3 * ARCSEC)
+    # What gravity has too much the fitted roll has too little: their product displaces the null.
+    rho1 = [
+        fit.values[result.fit.model.index("rho1")] * g
+        for fit, g in ((changed.result, 9.853), (result.fit.result, 9.803))
+    ]
+    assert rho1[0] == pytest.approx(rho1[1], rel=1e-4)

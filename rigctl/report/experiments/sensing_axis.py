@@ -33,7 +33,9 @@ FEW = 8
 def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
     """Quick check, axes, nulls, angles and budget, as far as there are any, beside the reference values."""
     shown = [_quick_check(found["quick_check"])] if found.get("quick_check") else []
-    shown += [_axes(found["axes"], reference)] if found["axes"] else []
+    shown += (
+        [_axes(found["axes"], reference), _host(found["axes"], found.get("budget") or {})] if found["axes"] else []
+    )
     notes = [f"axis {name}: no result: {reason}" for name, reason in found.get("missing", {}).items()]
     notes += [f"ref: {reference['source']}"] if reference.get("source") else []
     shown.append(_nulls(found["nulls"], printed=not found["axes"]))
@@ -162,6 +164,20 @@ def _axes(axes: Mapping[str, Any], reference: Mapping[str, Any]) -> ResultTable:
     return ResultTable("Sensing axes in the cube's frame", columns, rows, marked, [note], "Axes")
 
 
+def _host(axes: Mapping[str, Any], budgets: Mapping[str, Any]) -> ResultTable:
+    """The product: axes as the host sees them, with what the rotation into its frame is uncertain by."""
+    rows = []
+    for name, axis in axes.items():
+        expanded = f"{max(budgets[name]['expanded_95_arcsec']):.2f}" if name in budgets else ""
+        rows.append([name, *_components(axis["uoaf"]), expanded, "pass" if axis["pass"] else "FAIL"])
+        rows.append([" ±σ", *(f"{max(axis['uoaf_covariance'][i][i], 0.0) ** 0.5:.1e}" for i in range(3)), "", ""])
+    note = "±σ: scatter and rotation into the frame; U95: expanded uncertainty of the budget, its larger component"
+    columns = ["axis", "#x", "#y", "#z", "#U95 / arcsec", "verdict"]
+    marked = [row[-1] == "FAIL" for row in rows]
+    notes = [note] if budgets else ["±σ: scatter and rotation into the frame; `rigctl result` has the budget"]
+    return ResultTable("Sensing axes in the host's frame", columns, rows, marked, notes, "Axes")
+
+
 def _digits(reference: Mapping[str, Any], key: str, axis: str) -> str:
     value = reference.get(key, {}).get(axis)
     return "" if value is None else f"{value:+.3f}" if key == "theta_m_arcsec" else f"{value:.2f}"
@@ -221,7 +237,9 @@ def _budget(name: str, axis: Mapping[str, Any]) -> ResultTable:
     # Combined and expanded, which are no contributions.
     marked = [False] * (len(rows) - 2) + [True, True]
     columns = ["contribution", "type", "input", "#1", "#2"]
-    return ResultTable(f"Uncertainty of axis {name} / arcsec", columns, rows, marked, notes, "Budget")
+    return ResultTable(
+        f"Uncertainty of axis {name} in the host's frame / arcsec", columns, rows, marked, notes, "Budget"
+    )
 
 
 def _arcsec(components: Sequence[float]) -> list[str]:

@@ -82,6 +82,10 @@ class RecordingModel:
         """The same model of other data."""
         return RecordingModel(runs, self.package, self.head_settings, self.g_m_s2, self.effects, origins=self.origins)
 
+    def with_gravity(self, g_m_s2: float) -> RecordingModel:
+        """The same model in another gravity."""
+        return RecordingModel(self.runs, self.package, self.head_settings, g_m_s2, self.effects, origins=self.origins)
+
     def with_effects(self, effects: Sequence[Effect]) -> RecordingModel:
         """The same data with other effects."""
         return RecordingModel(self.runs, self.package, self.head_settings, self.g_m_s2, effects, origins=self.origins)

@@ -10,12 +10,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from rigctl.analysis.budget import Budget, Comparison, Contribution, budget, compare, monte_carlo
 from rigctl.analysis.plane import ARCSEC, fit_plane
+from rigctl.analysis.rotation import FrameRotation
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.model.fit import RecordingFit, residuals_of
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
@@ -25,6 +26,9 @@ from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxi
 
 Uncertainties = Mapping[str, Mapping[str, float]]
 """Standard uncertainties of the rig file's certificates: name -> quantity with unit -> value."""
+
+CONSTANTS = "constants"
+"""The name under which they have those of the rig file's constants."""
 
 OUTPUTS = ("component 1", "component 2")
 # So many know a standard deviation to 1.6 %.
@@ -42,9 +46,13 @@ class Included:
 
 @dataclass(frozen=True)
 class AxisBudget:
-    """The budget of one axis; `basis` (2, 3) are the directions of its two components, perpendicular to the axis."""
+    """The budget of one axis in the host's frame, into which `host` takes it.
+
+    `basis` (2, 3) are the directions of its two components in the cube's frame, perpendicular to the axis.
+    """
 
     axis: str
+    host: FrameRotation
     basis: FloatArray
     budget: Budget
     included: tuple[Included, ...]
@@ -69,6 +77,7 @@ class AxisBudget:
             "combined_arcsec": (first.standard_uncertainty / ARCSEC).tolist(),
             "expanded_95_arcsec": (first.expanded / ARCSEC).tolist(),
             "basis_coc": self.basis.tolist(),
+            "basis_uoaf": (self.basis @ self.host.matrix.T).tolist(),
             "monte_carlo": {"validated": all(self.check.validated), "reason": self.check.reason},
         }
 
@@ -82,7 +91,7 @@ class _Input:
 
 
 def axis_budgets(result: SensingAxisResult, uncertainties: Uncertainties) -> dict[str, AxisBudget]:
-    """The budgets of all axes of a result, each checked by Monte Carlo."""
+    """The budgets of all axes of a result in the host's frame, each checked by Monte Carlo."""
     return {name: _axis_budget(axis, result.fit, uncertainties) for name, axis in result.axes.items()}
 
 
@@ -95,16 +104,22 @@ def _axis_budget(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainti
         *_cube(axis, uncertainties),
         *_corrections(axis, fit),
         *_guide(axis, fit, uncertainties),
+        *_gravity(axis, fit, uncertainties),
     ]
+    turns = _host_turns(axis)
+    of_turn = {each.name: basis @ np.cross(axis.host.matrix.T @ about, axis.plane.normal) for each, about in turns}
 
     def measurement(values: Mapping[str, float]) -> FloatArray:
         moved = axis.vectors + sum(values[each.contribution.name] * each.effect for each in inputs)
-        return basis @ fit_plane(moved, axis.plane.normal).normal
+        turned = sum((values[name] * effect for name, effect in of_turn.items()), np.zeros(2))
+        return basis @ fit_plane(moved, axis.plane.normal).normal + turned
 
-    contributions = [each.contribution for each in inputs]
+    contributions = [*(each.contribution for each in inputs), *(each for each, _ in turns)]
     first = budget(measurement, contributions, OUTPUTS)
     drawn = monte_carlo(measurement, contributions, OUTPUTS, draws=MONTE_CARLO_DRAWS, seed=1)
-    return AxisBudget(axis.name, basis, first, tuple(_included(axis, uncertainties)), compare(first, drawn))
+    return AxisBudget(
+        axis.name, axis.host, basis, first, tuple(_included(axis, uncertainties)), compare(first, drawn)
+    )
 
 
 def _basis(axis: AxisResult) -> FloatArray:
@@ -290,6 +305,38 @@ def _guide(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) ->
     return [
         _Input(Contribution(name, 0.0, u, "rad", source="certificate of the stage"), effect) for name, u in shifts
     ]
+
+
+def _gravity(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> list[_Input]:
+    """Local gravity, which the corrections for what tilts the sensor are taken with."""
+    u_m_s2 = uncertainties.get(CONSTANTS, {}).get("g_m_s2", 0.0)
+    if not u_m_s2:
+        return []
+    contribution = Contribution("local gravity", 0.0, u_m_s2, "m/s2", source="constant of the rig file")
+
+    def changed(by_m_s2: float) -> RecordingModel:
+        return fit.model.with_gravity(fit.model.g_m_s2 + by_m_s2)
+
+    # Exactly linear: the step may be large beside rounding.
+    return [_Input(contribution, _response(axis, fit, changed, step=1e-2))]
+
+
+def _host_turns(axis: AxisResult) -> list[tuple[Contribution, FloatArray]]:
+    """What is uncertain of the rotation into the host's frame, as independent turns [rad] about directions in it."""
+    measured = axis.host.dof > 0
+    kind: Literal["A", "B"] = "A" if measured else "B"
+    source = "directions measured in both frames" if measured else "rig file"
+    return [
+        (Contribution(f"host frame about {_words(about)}", 0.0, u_rad, "rad", type=kind, source=source), about)
+        for about, u_rad in axis.host.turns()
+    ]
+
+
+def _words(direction: FloatArray) -> str:
+    nearest = int(np.argmax(np.abs(direction)))
+    if abs(direction[nearest]) > 1.0 - 1e-9:
+        return "xyz"[nearest]
+    return " ".join(f"{component:+.2f}" for component in direction)
 
 
 def _included(axis: AxisResult, uncertainties: Uncertainties) -> list[Included]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.plane import PlaneFit, angle_between, fit_plane
+from rigctl.analysis.rotation import FrameRotation
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
 from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_recording
@@ -20,13 +21,16 @@ from rigctl.files.package import Package
 
 @dataclass(frozen=True)
 class AxisResult:
-    """One sensing axis: its plane of null vectors, `vectors` of shape (n, 3) in the cube's frame."""
+    """One sensing axis: its plane of null vectors, `vectors` of shape (n, 3) in the cube's frame.
+
+    `host` takes it into the host's frame, where it is wanted.
+    """
 
     name: str
     plane: PlaneFit
     nulls: tuple[NullPoint, ...]
     vectors: FloatArray
-    uoaf: FloatArray
+    host: FrameRotation
     requirement_arcsec: float
 
     @property
@@ -94,17 +98,17 @@ def axis_result(name: str, package: Package, nulls: Sequence[NullPoint]) -> Axis
     usable = [null for null in nulls if null.vector_coc is not None]
     vectors = np.array([null.vector_coc for null in usable]).reshape(-1, 3)
     plane = fit_plane(vectors, package.axes[name].nominal_axis)
-    # A rotation measured elsewhere: it turns the axis and leaves its scatter alone.
-    uoaf = np.asarray(package.uoaf_from_coc) @ plane.normal
-    return AxisResult(name, plane, tuple(usable), vectors, uoaf, package.requirement_arcsec)
+    return AxisResult(name, plane, tuple(usable), vectors, package.uoaf_rotation(), package.requirement_arcsec)
 
 
 def _axis_json(axis: AxisResult) -> dict[str, Any]:
     plane = axis.plane
     paper = plane.paper_axis
+    uoaf, uoaf_covariance = axis.host.carried(plane.normal, plane.covariance)
     return {
         "coc": plane.normal.tolist(),
-        "uoaf": axis.uoaf.tolist(),
+        "uoaf": uoaf.tolist(),
+        "uoaf_covariance": uoaf_covariance.tolist(),
         "std_hc_2sigma_arcsec": plane.std_hc_2sigma_arcsec,
         "theta_m_arcsec": plane.theta_m_arcsec,
         "vectors": plane.vectors,
