@@ -73,11 +73,14 @@ DIRECTIONS: list[dict[str, Any]] = [
     {"coc": [0.0, 1.0, 0.0], "uoaf": [0.0, 1.0, 0.0], "u_arcsec": 2.0},
     {"coc": [0.0, 0.0, 1.0], "uoaf": [0.573576, 0.0, 0.819152], "u_arcsec": 2.0},
 ]
+GIVEN = {"uoaf_from_coc": None, "uoaf_u_arcsec": None}
 MIRRORED = [*DIRECTIONS[:2], {**DIRECTIONS[2], "uoaf": [-0.573576, 0.0, -0.819152]}]
 
 
 def test_the_hosts_frame_may_be_measured() -> None:
-    rig = parse_rig(changed(RIG, "package", uoaf_from_coc=None, uoaf_directions=DIRECTIONS), Path("rig.toml"))
+    rig = parse_rig(
+        changed(RIG, "package", uoaf_from_coc=None, uoaf_u_arcsec=None, uoaf_directions=DIRECTIONS), Path("rig.toml")
+    )
     assert rig.package is not None
     found = rig.package.uoaf_rotation()
     np.testing.assert_allclose(found.matrix, RIG["package"]["uoaf_from_coc"], atol=2e-6)
@@ -133,9 +136,9 @@ def test_an_unknown_key_of_a_rig_file_is_named(keys: tuple[str, ...], entry: dic
         (("package",), {"uoaf_from_coc": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 2.0]]}, "is no rotation matrix"),
         (("package",), {"uoaf_u_arcsec": [1.0, -1.0, 0.0]}, "package.uoaf_u_arcsec"),
         (("package",), {"uoaf_directions": DIRECTIONS}, "leave out uoaf_from_coc"),
-        (("package",), {"uoaf_from_coc": None, "uoaf_directions": DIRECTIONS[:1]}, "along one line"),
-        (("package",), {"uoaf_from_coc": None, "uoaf_directions": MIRRORED}, "fit no rotation"),
-        (("package",), {"uoaf_from_coc": None, "uoaf_directions": [{**DIRECTIONS[0], "uoaf": [0, 0, 0]}]}, "is zero"),
+        (("package",), {**GIVEN, "uoaf_directions": DIRECTIONS[:1]}, "along one line"),
+        (("package",), {**GIVEN, "uoaf_directions": MIRRORED}, "fit no rotation"),
+        (("package",), {**GIVEN, "uoaf_directions": [{**DIRECTIONS[0], "uoaf": [0, 0, 0]}]}, "is zero"),
         (("package", "configurations", "flag"), {"k": "+z"}, "is no right-handed triad"),
         (("package", "configurations", "flag"), {"k": "up"}, "package.configurations.flag.k"),
         (("package", "axes", "Y", "sensor"), {"flag": None}, "axes.Y.sensor lacks configuration flag"),
