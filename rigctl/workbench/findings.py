@@ -16,15 +16,17 @@ Verdict = Literal["adequate", "effect", "ambiguous", "unknown"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter's value with its standard uncertainty."""
+    """A parameter's value with its standard uncertainty; `interval` of 68 % where that is no fair picture of it."""
 
     value: float
     sigma: float
     unit: str
+    interval: tuple[float, float] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """With the keys of every command."""
-        return {"value": self.value, "sigma": self.sigma, "unit": self.unit}
+        further = {} if self.interval is None else {"interval_68": list(self.interval)}
+        return {"value": self.value, "sigma": self.sigma, "unit": self.unit, **further}
 
 
 @dataclass(frozen=True)

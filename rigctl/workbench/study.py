@@ -284,6 +284,14 @@ class ScansBetween(Study, Protocol):
         """An effect that `model` lacks with any values of its choice, at the fitted `values`."""
 
 
+@runtime_checkable
+class ScansWithin(Study, Protocol):
+    """A study whose scans are of places that data may leave open: a delay, a time constant."""
+
+    def within(self, term: Term) -> Mapping[str, tuple[float, float]]:
+        """Between which positive values such a place is looked for, by the name in the term's choice."""
+
+
 @dataclass(frozen=True)
 class Proposal:
     """A run, or a reading, that could be made next: `settings` by name, with units in the names.

@@ -117,6 +117,11 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
         scans = self.catalogue[term.effect].scans
         return {name: _between(scans[name], float(value)) for name, value in term.choice.items() if name in scans}
 
+    def within(self, term: Term) -> dict[str, tuple[float, float]]:
+        """Between the ends of the scan, and as far beyond as its values are apart."""
+        scans = self.catalogue[term.effect].scans
+        return {name: (_between(each, min(each))[0], _between(each, max(each))[1]) for name, each in scans.items()}
+
     def candidate(self, model: Model, values: FloatArray, term: Term) -> Candidate:
         """An effect that `model` lacks with any values of its choice."""
         here = own_model(model, PlatformModel)

@@ -14,14 +14,15 @@ from rigctl.analysis.summed_columns import SummedColumns, SummedScan
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.workbench.families import family_of
-from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, Study, Term
+from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, ScansWithin, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
-from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
+from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise_alone import ChanceOfNoise, in_doubt
 from rigctl.workbench.verdict.noise_estimate import estimator_of, with_estimated_noise
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
+from rigctl.workbench.verdict.profiled import profiled
 from rigctl.workbench.verdict.questions import Questions
 from rigctl.workbench.verdict.rotated import FEW, Rotated
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
@@ -107,6 +108,11 @@ class Attempt(FittedModel):
         if frame is None or self.permuted is None:
             return p_value
         return max(p_value, self.permuted.p_of_share(frame, self.projector.basis))
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """How well the parameters are known; a place that was scanned for by the data only."""
+        return profiled(self, self.study) if isinstance(self.study, ScansWithin) else super().uncertainty
 
     def columns(self, candidate: Candidate) -> FloatArray:
         """A candidate's whitened derivative with rows for the priors, shape (n + priors, d)."""

@@ -48,7 +48,7 @@ def fitted(
         error_fit=attempt.error(),
         error_held_out=attempt.held_out.error(),
         residuals=attempt.whitened(),
-        result=attempt.study.result(attempt.model, result.values, result.covariance),
+        result=attempt.study.result(attempt.model, result.values, attempt.uncertainty.covariance),
         rms=_rms_by_channel(attempt),
         minus_2_log_l=most_likely.minus_2_log_l,
         held_out_log_score=attempt.held_out.log_score(attempt.noise.log_determinant()),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,15 @@ _TOLD_APART = 9.0
 """Difference of chi-square, three sigma, by which the data themselves choose between two minima."""
 
 _SAME_CHI2 = 1e-6
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """The covariance of all parameters about their values; by place in it an interval (low, high) of 68 % of those of
+    which standard uncertainties are no fair picture."""
+
+    covariance: FloatArray
+    intervals: Mapping[int, tuple[float, float]]
 
 
 class FittedModel:
@@ -116,13 +125,20 @@ class FittedModel:
         """The blocks, each predicted from the others."""
         return HeldOut(self.model.observations, self.projector.basis, self.projector.left)
 
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """How well the parameters are known."""
+        return Uncertainty(self.result.covariance, {})
+
     def estimates(self) -> dict[str, Estimate]:
         """Parameters by name."""
-        sigmas = np.sqrt(np.maximum(np.diag(self.result.covariance), 0.0))
+        known = self.uncertainty
+        sigmas = np.sqrt(np.maximum(np.diag(known.covariance), 0.0))
         sigmas[[name in self.held for name in self.names]] = np.nan
+        rows = zip(self.names, self.result.values, sigmas, self.model.units, strict=True)
         return {
-            name: Estimate(float(value), float(sigma), unit)
-            for name, value, sigma, unit in zip(self.names, self.result.values, sigmas, self.model.units, strict=True)
+            name: Estimate(float(value), float(sigma), unit, known.intervals.get(place))
+            for place, (name, value, sigma, unit) in enumerate(rows)
         }
 
     def chi2_p_value(self, told: float = 0.0) -> float:
