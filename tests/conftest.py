@@ -14,12 +14,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 
 from drivers.transport import InProcessTransport
 from rigctl import cli
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
+
+# An example on a busy machine takes as long as it takes: no wall clock in a test.
+hypothesis.settings.register_profile("unhurried", deadline=None)
+hypothesis.settings.load_profile("unhurried")
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 
