@@ -20,6 +20,7 @@ from rigctl.report.figures.sensing_axis.figures import plates_of
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
 from rigctl.report.figures.sensing_axis.plane import plane_plate
 from rigctl.report.figures.sensing_axis.result import budget_plate
+from rigctl.report.figures.sensing_axis.time_series import time_series_plate
 
 ARCSEC_PER_RAD = 648000.0 / math.pi
 ROLL_UM_S2_PER_MM = 9.7e-5 * 9.803 * 1e3
@@ -252,3 +253,30 @@ def test_a_directory_that_cannot_be_written_is_one_line(one_configuration, tmp_p
     with pytest.raises(DataError, match="cannot write the figures there") as raised:
         write_plates(*plates_of(one_configuration), in_the_way)
     assert "\n" not in str(raised.value)
+
+
+def test_the_first_cycles_of_the_run_that_answers_most_stand_beside_their_sine(two_axes):
+    runs = two_axes.fit.model.runs
+    strongest = max(runs, key=lambda run: abs(run.accel_v.value[1]))
+    time_s = 7.0 + 0.01 * np.arange(2000)
+    turn = 2.0 * np.pi * strongest.frequency_hz * time_s
+    accel_v = 0.3 + 0.2 * np.sin(turn + 0.4)
+    accel_v[[3, 50]] = np.nan, 0.9
+
+    class Source:
+        def samples(self, run_id):
+            assert run_id == strongest.run_id
+            return {"t_s": time_s, "stage_x_mm": 5.0 * np.sin(turn), "accel_v": accel_v}
+
+    plate = time_series_plate(Source(), runs)
+    shown = [row for row in plate.rows if row.channel == "accel_v"]
+    assert shown[-1].time_s - shown[0].time_s == pytest.approx(3.0 / strongest.frequency_hz, abs=0.011)
+    # One wild sample of 2000 moves the sine by a thousandth of its size; it is shown as it was read.
+    expected = 0.3 + 0.2 * np.sin(
+        2.0 * np.pi * strongest.frequency_hz * np.array([row.time_s for row in shown]) + 0.4
+    )
+    np.testing.assert_allclose([row.fitted for row in shown], expected, atol=2e-3)
+    assert (shown[50].value, np.isnan(shown[3].value)) == (0.9, True)
+    assert f"run {strongest.run_id}" in plate.caption
+    for label in ("stage / mm", "accelerometer / V", "time / s"):
+        assert label in plate.svg

@@ -170,7 +170,7 @@ def test_runs_that_were_repeated_are_told_of_where_there_were_any(
 
 def test_an_imported_recordings_figures_are_those_it_has_data_for(unknown: tuple[Page, set[str]]) -> None:
     page, figures = unknown
-    assert {"residuals_pressure_hpa", "spectrum_accel_v", "spectrum_laser_1_mm", "fig12", "nulls"} <= figures
+    assert {"residuals_pressure_hpa", "spectrum_accel_v", "spectrum_laser_1_mm", "fig3", "fig12", "nulls"} <= figures
     assert "residuals_mounting" not in figures
     assert not {"budget", "fig15"} & figures
     assert "budget: no axis was found" in page.sections["Result"]

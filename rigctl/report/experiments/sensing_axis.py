@@ -47,17 +47,20 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
     """The axes with their figures, and the spectrum of what is left in the samples."""
     from rigctl.report.figures.sensing_axis.figures import plates_of
+    from rigctl.report.figures.sensing_axis.null_search import representative
     from rigctl.report.figures.sensing_axis.spectrum import spectrum_plates
+    from rigctl.report.figures.sensing_axis.time_series import time_series_plate
 
     store = workbench.store
     spectra = list(spectrum_plates(store, lines_hz, found))
     try:
         axes = analyse(workbench)
+        recorded = time_series_plate(store, representative(axes.fit.model.runs))
         plates, left_out = plates_of(axes, uncertainties_of(store.header))
     except (ProcedureError, DataError) as error:
         return Drawn(spectra=spectra, left_out={"figures of the sensing axes": str(error)})
     numbers = axes.as_json()
-    return Drawn(numbers, plates, spectra, left_out)
+    return Drawn(numbers, [recorded, *plates], spectra, left_out)
 
 
 def pictures(workbench: Workbench) -> list[Picture]:
