@@ -1,31 +1,45 @@
-"""Readings that share an unknown offset: the columns of `batch`, and columns of five words or more."""
+"""Readings that share an unknown offset: the columns of `batch`, words of five or more, numbers that name batches."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from rigctl.analysis.variance_components import variance_components
 from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.experiments.table.between import Between, shapes_between
 from rigctl.experiments.table.catalogue import why_not
+from rigctl.experiments.table.explained import shares_offsets, significant_between
 from rigctl.experiments.table.model.form import Form, TableEffect
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.words import Level, Slope
-from rigctl.experiments.table.observe.readings import Readings
+from rigctl.experiments.table.observe.readings import Column, Readings
 from rigctl.workbench.study import SharedOffset
 from rigctl.workbench.verdict.saturated import Hidden, saturated
 
 # Of fewer levels a variance cannot be estimated (decision 046).
 WORDS_OF_A_SCATTER = 5
-"""Fewer words are a fixed number each, `level[W]`."""
+"""Fewer words are a fixed number each, `level[W]`; fewer numbers are set-points."""
+
+READINGS_OF_A_NUMBER = 2
+"""So many readings has a number that names batches, in the mean."""
 
 SIGNIFICANT = 0.05
+SIGNIFICANT_NUMBER = 0.01
+"""Of all numbers that repeat together: most are set-points."""
+
+SIGNIFICANT_EFFECT = 0.01
+_EFFECTS_MAX = 5
 READINGS_MAX = 2000
 """Beyond, offsets are not looked for: their covariance is a matrix of all readings."""
 
 Ratios = Mapping[str, float]
 """Of columns, the variance of what readings of one value share, to that of a single reading."""
+
+Levels = dict[str, IntArray]
 
 
 def ratios_of(
@@ -33,55 +47,139 @@ def ratios_of(
 ) -> dict[str, float]:
     """Variance components of what the baseline leaves, (n,); those of `batch` always, others where significant.
 
-    What effects of the catalogue do within batches is projected out; between batches only what the baseline does, so
-    that effects that vary only there are judged against the batches.
+    What effects of the catalogue do within batches is projected out; between batches what the baseline does, and the
+    effects that stand out of the batches' scatter: other effects that vary only there are judged against it.
     """
-    levels = levels_of(readings)
-    if not levels or left.size > READINGS_MAX:
+    if left.size > READINGS_MAX:
         return {}
-    weights = readings.sigma[:, None]
-    hidden = _within(readings, effects, levels)
-    design = saturated(slopes / weights, [Hidden(hidden.columns / weights, hidden.effect_of)])
-    # Without one component the others change: asked again until all that remain are significant.
-    asked = dict(levels)
-    while True:
-        found = variance_components(left / readings.sigma, design, list(asked.values()))
-        kept = [
-            name
-            for name, p_value in zip(asked, found.p_values, strict=True)
-            if name in readings.spec.batch or p_value < SIGNIFICANT
-        ]
-        if len(kept) == len(asked):
-            return dict(zip(asked, map(float, found.ratios), strict=True))
-        if not kept:
-            return {}
-        asked = {name: asked[name] for name in kept}
+    scatter = Scatter(readings, effects, left, slopes)
+    levels = levels_of(readings)
+    found = scatter.ratios(levels) if levels else {}
+    for name in scatter.numbers(found):
+        more = scatter.ratios({each: level_of(readings, each) for each in (*found, name)})
+        found = more if name in more else found
+    return found
 
 
-def levels_of(readings: Readings) -> dict[str, IntArray]:
-    """Columns whose readings may share offsets, and the place of each reading among their values, (n,)."""
-    levels: dict[str, IntArray] = {}
+@dataclass(frozen=True)
+class Scatter:
+    """What the baseline leaves of the readings, `left` (n,), where its derivatives are `slopes` (n, m)."""
+
+    readings: Readings
+    effects: Mapping[str, TableEffect]
+    left: FloatArray
+    slopes: FloatArray
+
+    def ratios(self, asked: Levels) -> dict[str, float]:
+        """Of these columns, without those that are not needed; effects between batches are taken out one by one."""
+        beside, found = self, self._components(asked)
+        for _ in range(_EFFECTS_MAX):
+            columns = beside._effect_between(found, {name: asked[name] for name in found})
+            if columns is None:
+                break
+            beside = replace(beside, slopes=np.hstack([beside.slopes, columns]))
+            found = beside._components(asked)
+        return found
+
+    def numbers(self, known: Iterable[str]) -> Iterator[str]:
+        """Columns of numbers whose values name batches; of those that sort the readings alike one."""
+        taken = {_partition(level_of(self.readings, name)) for name in known}
+        alike: dict[bytes, list[Column]] = {}
+        for column in self.readings.columns.values():
+            if _may_name_batches(column, self.readings):
+                alike.setdefault(_partition(level_of(self.readings, column.name)), []).append(column)
+        asked = [columns for partition, columns in alike.items() if partition not in taken]
+        for columns in asked:
+            # Lots are numbered one by one, what else differs between them is not.
+            name = min(columns, key=lambda column: not _is_even(column)).name
+            if self._shares_offsets(name, columns, SIGNIFICANT_NUMBER / len(asked)):
+                yield name
+
+    def _shares_offsets(self, name: str, alike: Sequence[Column], level: float) -> bool:
+        level_of_each = level_of(self.readings, name)
+        design = self._design({name: level_of_each}, self._weighed)
+        between = Between.of(self._weighed(self.left), design, self._weighed(_indicators(level_of_each)))
+        rows = np.unique(level_of_each, return_index=True)[1]
+        numbers = [column.values[rows] for column in alike]
+        return shares_offsets(between, shapes_between(self.readings, self.effects, level_of_each), numbers, level)
+
+    def _components(self, asked: Levels) -> dict[str, float]:
+        design = self._design(asked, self._weighed)
+        # Without one component the others change: asked again until all that remain are significant.
+        while asked:
+            found = variance_components(self._weighed(self.left), design, list(asked.values()))
+            p_values = {
+                name: float(p_value)
+                for name, p_value in zip(asked, found.p_values, strict=True)
+                if name not in self.readings.spec.batch
+            }
+            # Of columns that sort the readings alike each seems useless beside the others: one at a time.
+            worst = max(reversed(p_values), key=lambda name: p_values[name], default=None)
+            if worst is None or p_values[worst] < SIGNIFICANT:
+                return dict(zip(asked, map(float, found.ratios), strict=True))
+            asked = {name: level for name, level in asked.items() if name != worst}
+        return {}
+
+    def _effect_between(self, ratios: Ratios, levels: Levels) -> FloatArray | None:
+        """What an effect that stands out of the scatter between batches does, (n, d)."""
+        offsets = tuple(SharedOffset(name, levels[name], share) for name, share in _shares(ratios).items())
+        if not offsets:
+            return None
+        ((_, factor),) = correlation(offsets, self.left.size)
+
+        def white(columns: FloatArray) -> FloatArray:
+            return np.asarray(solve_triangular(factor, self._weighed(columns), lower=True, check_finite=False))
+
+        design = self._design(levels, white)
+        for level in levels.values():
+            shapes = shapes_between(self.readings, self.effects, level)
+            between = Between.of(white(self.left), design, white(_indicators(level)))
+            found = significant_between(between, shapes, SIGNIFICANT_EFFECT)
+            if found is not None:
+                return found[level]
+        return None
+
+    def _weighed(self, columns: FloatArray) -> FloatArray:
+        sigma = self.readings.sigma
+        return np.asarray(columns / (sigma if columns.ndim == 1 else sigma[:, None]))
+
+    def _design(self, levels: Levels, weigh: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        hidden = _within(self.readings, self.effects, levels)
+        return saturated(weigh(self.slopes), [Hidden(weigh(hidden.columns), hidden.effect_of)])
+
+
+def levels_of(readings: Readings) -> Levels:
+    """Columns of words whose readings may share offsets, and the place of each reading among their values, (n,)."""
+    names = [
+        name
+        for name, category in readings.categories.items()
+        if name in readings.spec.batch or (category.names_groups and len(category.levels) >= WORDS_OF_A_SCATTER)
+    ]
+    first = [name for name in readings.spec.batch if name in names]
+    return {name: level_of(readings, name) for name in (*first, *(each for each in names if each not in first))}
+
+
+def level_of(readings: Readings, name: str) -> IntArray:
+    """The place of each reading among the values of a column, (n,); those of `batch` are nested."""
+    if name not in readings.spec.batch:
+        return np.asarray(np.unique(readings.given[name], return_inverse=True)[1], dtype=np.intp)
     outer = np.zeros(readings.sigma.size, dtype=np.intp)
-    for name in readings.spec.batch:
-        inner = np.unique(readings.categories[name].values, return_inverse=True)[1]
+    for each in readings.spec.batch[: readings.spec.batch.index(name) + 1]:
+        inner = np.unique(readings.categories[each].values, return_inverse=True)[1]
         # Nested: bottle 1 of the second day is another than bottle 1 of the first.
         outer = np.unique(np.stack([outer, inner], axis=1), axis=0, return_inverse=True)[1].ravel()
-        levels[name] = outer
-    for name, category in readings.categories.items():
-        if name not in levels and category.names_groups and len(category.levels) >= WORDS_OF_A_SCATTER:
-            levels[name] = np.unique(category.values, return_inverse=True)[1]
-    return levels
+    return outer
 
 
 def shared_offsets(readings: Readings, ratios: Ratios) -> tuple[SharedOffset, ...]:
     """As the workbench is told of them."""
+    return tuple(SharedOffset(name, level_of(readings, name), share) for name, share in _shares(ratios).items())
+
+
+def _shares(ratios: Ratios) -> dict[str, float]:
     # In units of the variance of a single reading, its own part included.
-    levels, total = levels_of(readings), 1.0 + sum(ratios.values())
-    return tuple(
-        SharedOffset(name, levels[name], float(np.sqrt(ratio / total)))
-        for name, ratio in ratios.items()
-        if ratio > 0.0
-    )
+    total = 1.0 + sum(ratios.values())
+    return {name: float(np.sqrt(ratio / total)) for name, ratio in ratios.items() if ratio > 0.0}
 
 
 def correlation(offsets: tuple[SharedOffset, ...], count: int) -> tuple[tuple[IntArray, FloatArray], ...]:
@@ -93,6 +191,28 @@ def correlation(offsets: tuple[SharedOffset, ...], count: int) -> tuple[tuple[In
     for each in offsets:
         matrix += each.share**2 * np.equal.outer(each.level_of, each.level_of)
     return ((np.arange(count), np.asarray(np.linalg.cholesky(matrix))),)
+
+
+def _may_name_batches(column: Column, readings: Readings) -> bool:
+    """Whether readings repeat its values, and neither the baseline nor the order is about them."""
+    if column.name in (*readings.expression.columns, readings.spec.order) or not np.isfinite(column.values).all():
+        return False
+    return WORDS_OF_A_SCATTER <= column.distinct.size <= column.values.size // READINGS_OF_A_NUMBER
+
+
+def _is_even(column: Column) -> bool:
+    steps = np.diff(column.distinct)
+    return bool(np.ptp(steps) <= 1e-9 * steps.max())
+
+
+def _partition(level: IntArray) -> bytes:
+    """The same for all columns that sort the readings alike."""
+    first, inverse = np.unique(level, return_index=True, return_inverse=True)[1:]
+    return first[inverse].tobytes()
+
+
+def _indicators(level: IntArray) -> FloatArray:
+    return np.equal.outer(level, np.arange(level.max() + 1)).astype(np.float64)
 
 
 def _within(readings: Readings, effects: Mapping[str, TableEffect], levels: Mapping[str, IntArray]) -> Hidden:

@@ -45,7 +45,7 @@ def candidate_of(form: Form, term: Term, response_unit: str, spanned: Spanned, r
     else:
         # Columns of a long table are made when they are asked for; for a typical size some of the rows do.
         columns, rows = MadeColumns(form, term.choice, spanned), some_of(spanned.rows)
-        few = _at(form, rows)
+        few = at_rows(form, rows)
         derivative, residual = _without_trivial(few, few.parts(term.choice), spanned.few), residual[rows]
     return Candidate(
         term,
@@ -76,7 +76,7 @@ class MadeColumns:
         return _without_trivial(self.form, self.form.parts(self.choice), self.spanned)
 
 
-def _at(form: Form, rows: IntArray) -> Form:
+def at_rows(form: Form, rows: IntArray) -> Form:
     """A form of columns of numbers at some of the rows."""
     columns = {
         each.name: replace(column, values=column.values[rows])
