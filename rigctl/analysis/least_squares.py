@@ -2,7 +2,8 @@
 
 `residuals(p)` are whitened: (data - model) / sigma, so that chi-squared is their square sum and the
 covariance is the inverse of J^T J as it stands. Gauss-Newton steps by singular value decomposition of the
-column-scaled Jacobian, damped (Levenberg-Marquardt) only where the full step does not descend.
+column-scaled Jacobian, damped (Levenberg-Marquardt) only where the full step does not descend, by as much as the
+linear model has failed (H. B. Nielsen, IMM-REP-1999-05): along a curved valley steps stay as long as it allows.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ Function = Callable[[FloatArray], FloatArray]
 _CHI2_LEFT, _CHI2_ROUNDING = 1e-8, 1e-13
 # A parameter with less than this share of a null direction is in it by rounding only.
 _NULL_SHARE = 1e-5
+
+# Of the damping, in units of the largest eigenvalue of the unit columns' Gram matrix: the first, and what is none.
+_LEAST_DAMPING, _NO_DAMPING = 1e-6, 1e-7
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,7 @@ def least_squares(
     problem = _Problem(residuals, tuple(parameters), jacobian, rcond)
     p = problem.start()
     state = problem.linearise(p, problem.extended(p))
-    damping, iterations, verdict = 0.0, 0, "not-converged"
+    damping, growth, iterations, verdict = 0.0, 2.0, 0, "not-converged"
     while iterations < max_iterations:
         # Judged by what a full step would still gain, not by its length, which depends on the parameters' units.
         if state.predicted_fall <= _CHI2_LEFT + _CHI2_ROUNDING * state.chi2:
@@ -124,13 +128,14 @@ def least_squares(
             r = problem.extended(trial)
             descends = bool(r @ r < state.chi2)
         if descends:
-            damping = 0.0 if damping < 1e-3 else damping / 10.0
+            damping, growth = damping * state.relief(damping, float(r @ r)), 2.0
+            damping = damping if damping > _NO_DAMPING else 0.0
             state = problem.linearise(trial, r)
         # A step this short that still ascends: the derivative is wrong, or chi-squared is at its rounding.
         elif damping > 1e8:
             break
         else:
-            damping = max(10.0 * damping, 1e-3)
+            damping, growth = max(growth * damping, _LEAST_DAMPING), 2.0 * growth
     return problem.result(state, verdict == "converged", iterations)
 
 
@@ -167,6 +172,14 @@ class _State:
         step = np.zeros(self.p.size)
         step[self.active] = scaled / self.scale
         return step
+
+    def relief(self, damping: float, chi2: float) -> float:
+        """By how much the damping changes after a step that ended at `chi2`: a third where the linear model held."""
+        share = self.s[: self.rank] ** 2
+        share = share / (share + damping * (share[0] if share.size else 1.0))
+        promised = float(np.sum(self.projected[: self.rank] ** 2 * (2.0 * share - share**2)))
+        kept = (self.chi2 - chi2) / promised
+        return max(1.0 / 3.0, 1.0 - (2.0 * kept - 1.0) ** 3)
 
     def covariance(self) -> FloatArray:
         """Pseudo-inverse of J^T J over the active parameters."""

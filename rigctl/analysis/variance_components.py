@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import optimize, special
+from scipy import linalg, optimize, special
 
 from rigctl.core.arrays import FloatArray, IntArray
 
@@ -22,6 +22,7 @@ Cost = Callable[[FloatArray], float]
 _LOG_RATIO = (-12.0, 16.0)
 # Restricted likelihood may have more than one maximum.
 _STARTS = (0.1, 1.0, 10.0)
+_GRID = 113
 _SIMPLEX: Any = {"xatol": 1e-4, "fatol": 1e-8, "maxiter": 400}
 
 
@@ -47,16 +48,24 @@ def variance_components(residuals: FloatArray, design: FloatArray, levels: Seque
     gram, along = joined.T @ joined - inside.T @ inside, joined.T @ left
     square, dof = float(left @ left), len(residuals) - design.shape[1]
 
+    # Of one component, and of all alike, the likelihood goes by the eigenvalues: a sum for each ratio.
+    values, vectors = np.linalg.eigh(gram)
+    turned_once = (vectors.T @ along) ** 2
+
     def cost(ratios: FloatArray) -> float:
         quadratic, determinant = _quadratic(ratios)
         # Minus twice the restricted log likelihood at the best sigma, but for a constant.
         return float(dof * np.log(quadratic) + determinant)
 
     def _quadratic(ratios: FloatArray) -> tuple[float, float]:
+        if np.ptp(ratios) == 0.0:
+            scaled = 1.0 + ratios[0] * np.maximum(values, 0.0)
+            quadratic = square - float(np.sum(ratios[0] * turned_once / scaled))
+            return max(quadratic, np.finfo(float).tiny), float(np.sum(np.log(scaled)))
         # Woodbury: what is factorised has the size of the levels and not of the readings.
         root = np.sqrt(np.repeat(ratios, sizes))
         factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * gram * root)
-        turned = np.linalg.solve(factor, root * along)
+        turned = linalg.solve_triangular(factor, root * along, lower=True, check_finite=False)
         quadratic = max(square - float(turned @ turned), np.finfo(float).tiny)
         return quadratic, 2.0 * float(np.sum(np.log(np.diag(factor))))
 
@@ -83,7 +92,16 @@ def _least(cost: Cost, count: int) -> FloatArray:
         return cost(np.exp(np.clip(logs, *_LOG_RATIO)))
 
     tried = [none]
-    for start in _STARTS:
+    if count == 1:
+        # One ratio costs next to nothing: all of its range, then between the neighbours of the best.
+        grid = np.linspace(*_LOG_RATIO, _GRID)
+        place = int(np.argmin([of_logs(np.array([each])) for each in grid]))
+        within = grid[max(place - 1, 0)], grid[min(place + 1, _GRID - 1)]
+        found = optimize.minimize_scalar(
+            lambda log: of_logs(np.array([log])), bounds=within, method="bounded", options={"xatol": 1e-9}
+        )
+        tried.append(np.exp(np.array([found.x])))
+    for start in _STARTS if count > 1 else ():
         at = np.full(count, np.log(start), dtype=np.float64)
         minimum = optimize.minimize(of_logs, at, method="Nelder-Mead", options=_SIMPLEX)
         tried.append(np.exp(np.clip(minimum.x, *_LOG_RATIO)))

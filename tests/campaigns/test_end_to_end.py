@@ -210,10 +210,10 @@ def test_the_angle_scan_measures_its_grid(desk: Any, campaigns: Path) -> None:
     )
     found = desk.run()
     assert found.status == 0, found.err
-    assert found.json["status"]["runs_done"] == found.json["status"]["runs_planned"] == 6
+    assert found.json["status"]["runs_done"] == found.json["status"]["runs_planned"] == 9
     with Store.open(desk.store, readonly=True) as store:
         grid = {(run.conditions["theta_asked_deg"], run.conditions["frequency_hz"]) for run in store.runs()}
-        assert grid == {(theta, frequency) for theta in (0.2, 0.8, 1.4) for frequency in (0.3, 0.6)}
+        assert grid == {(theta, frequency) for theta in (0.2, 0.8, 1.4) for frequency in (0.3, 0.5, 0.6)}
         for run in store.runs():
             assert run.conditions["theta_deg"] == pytest.approx(run.conditions["theta_asked_deg"], abs=1e-3)
             assert store.samples(run.run_id)["t_s"][-1] >= 10.0 - 0.02

@@ -74,3 +74,28 @@ def test_a_template_is_told_without_a_power_of_the_frequency(bare: Observations)
         best = Best(shape, 9.0, 0.0, 0.0, 1.0, 1, np.zeros((0, 1)), shape, np.zeros((0, 1)))
         told = described(bare, best, score).description
         assert told == f"accel_v nu in-phase is off by 2 +- 0.1 V, {words} (size per standard deviation of it)"
+
+
+def test_a_template_has_none_of_the_noise_of_its_own_readings(bench: Bench, tmp_path: Path) -> None:
+    """Made of the readings it followed what a fit leaves: a null search of its own world was no longer adequate."""
+    loud = replace(QUIET, white_v=1e-3)
+    found = []
+    for number in range(2):
+        place = tmp_path / str(number)
+        place.mkdir()
+        write(drawn(4).design, bench, loud, number, place / "loud")
+        store = place / "loud.rig.sqlite"
+        run("import", str(place / "loud"), "--store", str(store))
+        with opened_workbench(store, readonly=True) as workbench:
+            observations = workbench.study.model(()).observations
+        # Quadrature and multiples of the drive have noise only, of a sensor without effects.
+        noisy = np.array(
+            ["quadrature" in each.component or each.component[0] in "23" for each in observations.series]
+        )
+        found += [
+            np.abs(column[noisy[observations.series_of]]).max()
+            for (_, name), column in observations.templates.items()
+            if name.startswith("signal*")
+        ]
+    assert found
+    assert max(found) == 0.0

@@ -112,3 +112,18 @@ def test_numbers_with_nothing_between_them_are_no_batches() -> None:
         called += bool(offsets(study({"y": rng.normal(size=rows), "x": x, "a": rng.normal(size=rows)}, "b0")))
     # At 1 % each 40 tables give more than 3 in one case in a thousand.
     assert called <= 3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_repeats_by_rounding_is_no_batch_whatever_is_hidden_in_another_column(seed: int) -> None:
+    """A square of x that half cancels within values read twice or thrice was scatter between them."""
+    rng = np.random.default_rng([seed, 21])
+    x = rng.uniform(0.0, 10.0, 600)
+    columns = {
+        "y": 0.5 * (x - 5.0) ** 2 + rng.normal(size=x.size),
+        "x": np.round(x, 5),
+        "humidity": np.round(rng.uniform(30.0, 60.0, x.size), 1),
+        "bin": rng.permutation(np.repeat(np.arange(200.0), 3)),
+    }
+    # `bin` has three readings each, as lots have: what is known of x from within says what it does between.
+    assert offsets(study(columns, "b0")) == {}

@@ -27,12 +27,17 @@ WORDS_OF_A_SCATTER = 5
 READINGS_OF_A_NUMBER = 2
 """So many readings has a number that names batches, in the mean."""
 
+DISPERSION = 0.5
+"""Variance over mean of how often a value is read: lots are of a size (0), what is rounded repeats by chance (1)."""
+
 SIGNIFICANT = 0.05
 SIGNIFICANT_NUMBER = 0.01
 """Of all numbers that repeat together: most are set-points."""
 
 SIGNIFICANT_EFFECT = 0.01
 _EFFECTS_MAX = 5
+_KNOWN_WITHIN = 1.0 / 3.0
+"""Of the variance of a number: with so much of it within batches the size of its effects is known from there."""
 READINGS_MAX = 2000
 """Beyond, offsets are not looked for: their covariance is a matrix of all readings."""
 
@@ -197,7 +202,10 @@ def _may_name_batches(column: Column, readings: Readings) -> bool:
     """Whether readings repeat its values, and neither the baseline nor the order is about them."""
     if column.name in (*readings.expression.columns, readings.spec.order) or not np.isfinite(column.values).all():
         return False
-    return WORDS_OF_A_SCATTER <= column.distinct.size <= column.values.size // READINGS_OF_A_NUMBER
+    if not WORDS_OF_A_SCATTER <= column.distinct.size <= column.values.size // READINGS_OF_A_NUMBER:
+        return False
+    count = np.unique(column.values, return_counts=True)[1]
+    return bool(count.var(ddof=1) <= DISPERSION * count.mean())
 
 
 def _is_even(column: Column) -> bool:
@@ -216,21 +224,38 @@ def _indicators(level: IntArray) -> FloatArray:
 
 
 def _within(readings: Readings, effects: Mapping[str, TableEffect], levels: Mapping[str, IntArray]) -> Hidden:
-    """What effects of fixed shape do, less its means where all batches are the same."""
+    """What effects of fixed shape do; of those that are nearly the same within batches the part within only.
+
+    With the part between, an effect that is known by what it does within says what it does between: half of a square
+    of x, at two readings per batch, would else count as the batches' scatter.
+    """
     n = readings.sigma.size
     cells = np.unique(np.stack(list(levels.values()), axis=1), axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(cells)
-    asked = [
-        # A number for each word: which of them the others are counted from has no part in it.
-        (effect.basis(effect.choices(lambda _: False)[0]), isinstance(effect, Level | Slope))
+    forms = [
+        effect
         for effect in effects.values()
         if isinstance(effect, Form)
         and not isinstance(effect, Scanned)
         and not (why_not(effect, readings) or effect.unasked())
     ]
+    # A number for each word: which of them the others are counted from has no part in it.
+    asked = [(form.basis(form.choices(lambda _: False)[0]), isinstance(form, Level | Slope)) for form in forms]
+    widths = [basis.shape[1] for basis, _ in asked]
+    whole = np.repeat([_is_known_within(form, cells) for form in forms], widths).astype(bool)
     hidden = Hidden.of(asked, n)
     means = [np.bincount(cells, column) / count for column in hidden.columns.T]
     inside = hidden.columns - np.stack(means, axis=1)[cells] if means else hidden.columns
     # What varies between batches only is rounding within them.
     real = np.linalg.norm(inside, axis=0) > 1e-9 * np.linalg.norm(hidden.columns, axis=0)
-    return hidden.keep(inside, real)
+    return hidden.keep(np.where(whole, hidden.columns, inside), real)
+
+
+def _is_known_within(form: Form, cells: IntArray) -> bool:
+    """Whether its size is known from within batches, by its numbers' variance; slopes by lot span what lots share."""
+    # Of a product one number is enough: with the other's zero moved it is that number's line besides.
+    return not isinstance(form, Level | Slope) and any(
+        np.var(column.values - (np.bincount(cells, column.values) / np.bincount(cells))[cells])
+        > _KNOWN_WITHIN * np.var(column.values)
+        for column in form.columns
+    )

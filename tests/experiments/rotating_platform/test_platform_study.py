@@ -189,7 +189,8 @@ def test_what_a_turn_leaves_behind_is_sized_between_the_values_of_its_scan(
     for name, estimate in found.ranking[0].parameters.items():
         true = sizes.get(name.partition("[")[0], 0.0)
         assert estimate.value == pytest.approx(true, abs=4.0 * estimate.sigma), name
-        assert 0.0 < estimate.sigma < (0.15 * true if true else 0.1), name
+        # Profiled: the time constant of half a minute is known by the dwells of a quarter to a sixth.
+        assert 0.0 < estimate.sigma < (0.2 * true if true else 0.1), name
     assert found.steps[-1].error_held_out < 1.1 < found.steps[0].error_held_out
 
 

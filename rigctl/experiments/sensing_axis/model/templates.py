@@ -30,19 +30,35 @@ def templates(
 ) -> dict[tuple[int, str], FloatArray]:
     """`Observations.templates` at the data `present` (runs, series), whose first series are the sensor's.
 
-    What was measured stands for the signal: beside it the noise is nothing. `covariates` are columns over the runs.
+    `covariates` are columns over the runs.
     """
-    read_v = np.array([run.accel_v.value[1:] for run in runs])
-    usual_v = float(np.sqrt(np.mean(np.abs(read_v[:, 0]) ** 2)))
+    signal_v = _signal_v(runs)
+    usual_v = float(np.sqrt(np.mean(signal_v**2)))
     if not usual_v > 0.0:  # runs to come have no readings
         return {}
     # Of a signal of usual size.
-    share = np.asarray(read_v / usual_v, dtype=np.complex128)
+    share = np.zeros((len(runs), HARMONICS), dtype=np.complex128)
+    share[:, 0] = signal_v / usual_v
     found = {}
     for name, away in _followed(covariates):
         found[_NU_IN_PHASE, OF_SIGNAL + name] = _at(present, np.asarray(share * away[:, None], dtype=np.complex128))
     found[_NU_IN_PHASE, f"{SIGNAL}^3"] = _at(present, _cubed(share, _force(runs)))
     return {key: column for key, column in found.items() if column.any()}
+
+
+def _signal_v(runs: Sequence[RunObservables]) -> FloatArray:
+    """In phase with the drive, what each mounting's readings are by the sine and cosine of its angles [V], (runs,).
+
+    Not the readings themselves: their noise is that of what a fit leaves, and a shape made of it would find itself.
+    """
+    read_v = np.array([run.accel_v.value[1].real for run in runs])
+    force = np.array([run.peak_acceleration_m_s2 * np.exp(1j * run.theta_rad) for run in runs])
+    signal_v = np.zeros(len(runs))
+    for place in dict.fromkeys(run.place for run in runs):
+        rows = np.flatnonzero([run.place == place for run in runs])
+        columns = np.stack([force[rows].imag, force[rows].real], axis=1)
+        signal_v[rows] = columns @ np.linalg.lstsq(columns, read_v[rows], rcond=None)[0]
+    return signal_v
 
 
 def _followed(covariates: Mapping[str, FloatArray]) -> list[tuple[str, FloatArray]]:
