@@ -174,12 +174,12 @@ class _State:
         return step
 
     def relief(self, damping: float, chi2: float) -> float:
-        """By how much the damping changes after a step that ended at `chi2`: a third where the linear model held."""
+        """By how much the damping changes after a step that ended at `chi2`: a tenth where the linear model held."""
         share = self.s[: self.rank] ** 2
         share = share / (share + damping * (share[0] if share.size else 1.0))
         promised = float(np.sum(self.projected[: self.rank] ** 2 * (2.0 * share - share**2)))
         kept = (self.chi2 - chi2) / promised
-        return max(1.0 / 3.0, 1.0 - (2.0 * kept - 1.0) ** 3)
+        return max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3)
 
     def covariance(self) -> FloatArray:
         """Pseudo-inverse of J^T J over the active parameters."""

@@ -36,6 +36,7 @@ SIGNIFICANT_NUMBER = 0.01
 
 SIGNIFICANT_EFFECT = 0.01
 _EFFECTS_MAX = 5
+_SHARE_BETWEEN = 1.0 / 3.0
 _KNOWN_WITHIN = 1.0 / 3.0
 """Of the variance of a number: with so much of it within batches the size of its effects is known from there."""
 READINGS_MAX = 2000
@@ -243,6 +244,8 @@ def _within(readings: Readings, effects: Mapping[str, TableEffect], levels: Mapp
     asked = [(form.basis(form.choices(lambda _: False)[0]), isinstance(form, Level | Slope)) for form in forms]
     widths = [basis.shape[1] for basis, _ in asked]
     whole = np.repeat([_is_known_within(form, cells) for form in forms], widths).astype(bool)
+    # Of few batches they would leave next to nothing to tell offsets by.
+    whole &= whole.sum() <= _SHARE_BETWEEN * len(count)
     hidden = Hidden.of(asked, n)
     means = [np.bincount(cells, column) / count for column in hidden.columns.T]
     inside = hidden.columns - np.stack(means, axis=1)[cells] if means else hidden.columns
