@@ -11,6 +11,38 @@ from matplotlib.figure import Figure
 
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
+from rigctl.report.quantities import number
+
+SYMBOLS = {
+    "ac11_dx_m": r"$a_{c11}\,\Delta_x$",
+    "ac11_dy_m": r"$a_{c11}\,\Delta_y$",
+    "ac11_dz_m": r"$a_{c11}\,\Delta_z$",
+    "ac12_rad": r"$a_{c12}$",
+    "ac13_rad": r"$a_{c13}$",
+    "ad11": r"$a'_{d11}$",
+    "ad12_rad": r"$a_{d12}$",
+    "ad13_rad": r"$a_{d13}$",
+    "k2d_s2_m": r"$K_{2d}/K_{1c}^2$",
+    "k2c_s2_m": r"$K_{2c}/K_{1c}^2$",
+}
+"""The parameters as the paper writes them."""
+
+TERMS = {
+    "ac11_dx_m": r"$a_{c11} T_{xx} \Delta_x$",
+    "ac11_dy_m": r"$a_{c11} T_{xy} \Delta_y$",
+    "ac11_dz_m": r"$a_{c11} T_{xz} \Delta_z$",
+    "ac12_rad": r"$a_{c12} T_{yy} \Delta_y$",
+    "ac13_rad": r"$a_{c13} T_{zz} \Delta_z$",
+    "ad11": r"$2 a_{d11} \Gamma_{res,x}$",
+    "ad12_rad": r"$2 a_{d12} \Gamma_{res,y}$",
+    "ad13_rad": r"$2 a_{d13} \Gamma_{res,z}$",
+    "k2d_s2_m": r"$2 K_{2d} (\Gamma_{app,dx}^2 + \Gamma_{res,x}^2)$",
+    "k2c_s2_m": r"$4 K_{2c} \Gamma_{app,dx} \Gamma_{res,x}$",
+    "total": "total",
+}
+"""What each of them leaves in the test (tables 1 and 3)."""
+
+_UNITS = {"1": "", "s2/m": "s²/m"}
 
 
 @dataclass(frozen=True)
@@ -80,15 +112,21 @@ def draw_estimates(rows: Sequence[EstimateRow]) -> Figure:
         label="published",
     )
     panel.axvline(0.0, color=INK, linewidth=0.6)
-    return _labelled(figure, [row.parameter for row in rows], "difference / sigma of the published estimate")
+    names = [f"{SYMBOLS[row.parameter]}  ±{number(row.published_sigma, 2)}{_unit(row.unit)}" for row in rows]
+    return _labelled(figure, names, "difference / sigma of the published estimate")
 
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """A parameter of a study: errors against each truth beside the printed ones, as parts of the objective."""
+    """A parameter of a study: errors against each truth beside the printed ones, in the parameter's unit.
+
+    `over_objective` is the share of draws whose published estimate misses the paper's truth by more.
+    """
 
     parameter: str
+    unit: str
     objective: float
+    over_objective: float
     printed_mean: float
     printed_worst: float
     published_mean: float
@@ -102,7 +140,9 @@ def errors_plate(result: Mapping[str, Any]) -> Plate[ErrorRow]:
     rows = [
         ErrorRow(
             name,
+            each["unit"],
             each["objective"],
+            each["over_objective"],
             each["reference"]["mean"],
             each["reference"]["worst"],
             # Each against the truth that it estimates: the paper's forms, of first order, differ from the exact ones.
@@ -124,24 +164,26 @@ def draw_errors(rows: Sequence[ErrorRow]) -> Figure:
     """Three lines per parameter, on a logarithmic axis."""
     figure = new_figure(0.9 + 0.3 * len(rows))
     panel = figure.subplots()
-    for number, name in enumerate(("printed", "published", "joint")):
-        look = series_style(number)
+    for series, name in enumerate(("printed", "published", "joint")):
+        look = series_style(series)
         for place, row in enumerate(rows):
             mean, worst = (getattr(row, f"{name}_{which}") / row.objective for which in ("mean", "worst"))
             # Above each other, or three lines of one parameter would hide each other.
-            at = place + 0.24 * (number - 1)
+            at = place + 0.24 * (series - 1)
             panel.plot([mean, worst], [at, at], color=look.color, linestyle="-")
             panel.plot(mean, at, look.marker, color=look.color, label=name if place == 0 else None)
     # 1 is the objective.
     panel.axvline(1.0, color=INK, linewidth=0.6)
     panel.set_xscale("log")
-    return _labelled(figure, [row.parameter for row in rows], "error / objective")
+    names = [f"{SYMBOLS[row.parameter]} < {row.objective:g}{_unit(row.unit)}" for row in rows]
+    return _labelled(figure, names, "error / objective")
 
 
 @dataclass(frozen=True)
 class ContributionRow:
-    """A term of the budget, m/s2 at the frequency of the test."""
+    """A term of the budget, m/s2 at the frequency of the test; `parameter` is the one whose error makes it."""
 
+    parameter: str
     term: str
     before_m_s2: float
     worst_m_s2: float
@@ -152,10 +194,11 @@ def contributions_plate(result: Mapping[str, Any]) -> Plate[ContributionRow]:
     """Table 3: the budget before and after."""
     table = result["table3"]
     rows = [
-        ContributionRow(each["term"], each["before_m_s2"], each["worst_m_s2"], each["mean_m_s2"])
-        for each in table["rows"].values()
+        ContributionRow(name, each["term"], each["before_m_s2"], each["worst_m_s2"], each["mean_m_s2"])
+        for name, each in table["rows"].items()
     ]
-    rows.append(ContributionRow("total", table["before_m_s2"], table["total_worst_m_s2"], table["total_mean_m_s2"]))
+    totals = (table[key] for key in ("before_m_s2", "total_worst_m_s2", "total_mean_m_s2"))
+    rows.append(ContributionRow("total", "total", *totals))
     caption = (
         "What each term leaves at the frequency of the equivalence principle's test, before calibration and after "
         f"(mean and worst of {result['draws']}); the limit is {table['limit_m_s2']:g} m/s2."
@@ -167,12 +210,18 @@ def draw_contributions(rows: Sequence[ContributionRow]) -> Figure:
     """Markers on a logarithmic axis, the total last."""
     figure = new_figure(0.8 + 0.24 * len(rows))
     panel = figure.subplots()
-    for number, name in enumerate(("before", "worst", "mean")):
-        look = series_style(number)
+    for series, name in enumerate(("before", "worst", "mean")):
+        look = series_style(series)
         values = [getattr(row, f"{name}_m_s2") for row in rows]
         panel.plot(values, range(len(rows)), look.marker, color=look.color, label=name)
     panel.set_xscale("log")
-    return _labelled(figure, [row.term for row in rows], "contribution / (m/s²)")
+    return _labelled(figure, [TERMS[row.parameter] for row in rows], "contribution / (m/s²)")
+
+
+def _unit(unit: str) -> str:
+    """With the space before it; ratios have none."""
+    shown = _UNITS.get(unit, unit)
+    return f" {shown}" if shown else ""
 
 
 def _labelled(figure: Figure, names: Sequence[str], x_label: str) -> Figure:
