@@ -185,10 +185,11 @@ def _read(files: BundleFiles, name: str) -> SampleFile:
     text = decode(place, data)
     # Up to a gigabyte, which the parser's arrays can use.
     del data
-    return SampleFile(place, _read_csv(place, text), text)
+    return SampleFile(place, read_csv(place, text), text)
 
 
-def _read_csv(place: Place, text: str) -> dict[str, FloatArray]:
+def read_csv(place: Place, text: str) -> dict[str, FloatArray]:
+    """The columns of a table of numbers under a header; `DataError` for anything else."""
     line, header = next(rows_with_lines(place, text), (1, None))
     if header is None:
         raise place.error("empty; write the column names in the first line", line)

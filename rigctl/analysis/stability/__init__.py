@@ -1,0 +1,1 @@
+"""How noise averages: the Allan family with its confidence, the spectral density with what it is made of."""
