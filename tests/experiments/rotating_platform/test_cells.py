@@ -242,3 +242,34 @@ def test_a_column_of_the_laboratory_is_kept_with_the_cells(recorded: tuple[Colum
     assert np.allclose(found.state[:, -1], 14.0 + found.time_s / samples["t_s"].max(), atol=1e-3)
     again = Cells.unpacked(found.packed())
     assert again.own == found.own
+
+
+def test_a_run_that_begins_in_a_turn_knows_its_direction(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    rest = samples["moving"] == 0.0
+    # In the middle of the first turn.
+    begin = int(np.argmin(rest)) + int(np.argmax(rest[int(np.argmin(rest)) :])) // 2
+    whole, late = (cut({name: values[at:] for name, values in samples.items()}, believed) for at in (0, begin))
+    assert late.direction[0] == whole.direction[np.argmax(whole.direction != 0.0)] != 0.0
+
+
+# What a parabola through three cells of up to 8 s cannot have; with no change within cells both are 5 % off.
+@pytest.mark.parametrize(("fading_s", "share"), [(5.0, 0.01), (20.0, 0.002)])
+def test_what_fades_within_cells_is_reduced_as_its_samples_are(fading_s: float, share: float) -> None:
+    pattern = named_pattern("a", 60.0).sampled(5.0)
+    rests = np.tile(pattern.sign != 0.0, 8)
+    at = np.arange(rests.size)
+    since_s = (at - np.maximum.accumulate(np.where(rests, 0, at))) / 5.0
+    fading = np.where(rests, np.tile(pattern.sign, 8) * np.exp(-since_s / fading_s), 0.0)
+    columns = {
+        "t_s": at / 5.0,
+        "theta_deg": np.where(np.tile(pattern.sign, 8) < 0, 180.0, 0.0),
+        "q_a_v": fading,
+        "q_b_v": fading,
+        "moving": (~rests).astype(float),
+    }
+    unit = {"z": 1.0, "y": 1.0}
+    found = cells_of([columns], Chains(unit, unit, {}, dict.fromkeys(unit, 10.0), 9.81), 60.0, 5.0)
+    reducer = Reducer(found, "z")
+    by_samples, by_cells = reducer.readings(), reducer.of(found.sums[:, :1, 3] / found.count[:, None])[:, 0]
+    assert np.linalg.norm(by_cells - by_samples) < share * np.linalg.norm(by_samples)

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from rigctl.analysis.kept import Packed
 from rigctl.core.arrays import FloatArray, Int64Array
@@ -101,6 +102,25 @@ class Cells:
     def time_s(self) -> FloatArray:
         """Mean time of each cell from the start of the run, shape (cells,)."""
         return np.asarray((self.period + 0.5 + 0.5 * self.centre / self.samples) * self.period_s)
+
+    @cached_property
+    def rates(self) -> sparse.csr_matrix:
+        """From means over the cells to derivatives by time [1/s] in each, (cells, cells).
+
+        By a parabola through a cell and its neighbours in the dwell, at either end of one by a line; 0 where it has
+        none.
+        """
+        begin = self.period * self.samples + self.first
+        beside = np.flatnonzero((begin[1:] == begin[:-1] + self.count[:-1]) & (self.sign[1:] == self.sign[:-1]))
+        step, after = np.zeros((2, self.count.size))
+        step[beside] = self.time_s[beside + 1] - self.time_s[beside]
+        after[beside + 1] = step[beside]
+        # The slope to the next cell counts by the distance to the one before, and the other way round.
+        whole = np.where(step + after > 0.0, step + after, 1.0)
+        on, back = (np.where(other > 0.0, other, own) / whole for own, other in ((step, after), (after, step)))
+        on = np.divide(on, step, out=np.zeros_like(step), where=step > 0.0)
+        back = np.divide(back, after, out=np.zeros_like(after), where=after > 0.0)
+        return sparse.diags([back - on, on[:-1], -back[1:]], [0, 1, -1], format="csr")
 
     @cached_property
     def kind(self) -> Int64Array:

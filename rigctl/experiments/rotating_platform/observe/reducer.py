@@ -52,7 +52,7 @@ class Reducer:
         centre = self.sampled.centre_s
         count, u, square, level, ramp = self._sums.T
         self._time = u / time - centre * count
-        square = square / time**2 - 2.0 * centre * u / time + centre**2 * count
+        square = self._square = square / time**2 - 2.0 * centre * u / time + centre**2 * count
         key = 2 * cells.period + (cells.sign < 0)
         totals = [np.bincount(key, each, 2 * cells.periods) for each in (count, self._time, square)]
         lines = self._lines = np.stack(totals, axis=1).reshape(cells.periods, 2, 3)
@@ -103,20 +103,25 @@ class Reducer:
 
     @cached_property
     def operator(self) -> sparse.csr_matrix:
-        """From means over the cells to observables, (rows, cells)."""
-        count = self._sums[:, 0]
-        return sparse.csr_matrix(self._of_levels @ sparse.diags(count) + self._of_ramps @ sparse.diags(self._time))
+        """From means over the cells to observables, (rows, cells), of what changes evenly within a cell.
+
+        How fast it changes its neighbours in the dwell tell: in cells of 8 s the slope of a dwell has a tenth of it.
+        """
+        count, time = self._sums[:, 0], self._time
+        middle = 0.5 * self.cells.centre / self.cells.sample_rate_hz - self.sampled.centre_s
+        level = sparse.diags(time - middle * count) @ self.cells.rates
+        ramp = sparse.diags(self._square - middle * time) @ self.cells.rates
+        return sparse.csr_matrix(self._of_means + self._of_levels @ level + self._of_ramps @ ramp)
 
     def of(self, means: FloatArray, ramps: FloatArray | None = None) -> FloatArray:
         """The observables of what has these `means` in the cells, shape (cells, k); shape (rows, k).
 
-        `ramps` are sums of (u - mean u) x within the cells, where they matter.
+        `ramps` are sums of (u - mean u) x within the cells, where they are known.
         """
-        observables = np.asarray(self.operator @ means)
-        if ramps is not None:
-            share = self._sums[:, 0] / self.cells.count / (2.0 * self.cells.sample_rate_hz)
-            observables = observables + self._of_ramps @ (share[:, None] * ramps)
-        return np.asarray(observables)
+        if ramps is None:
+            return np.asarray(self.operator @ means)
+        share = self._sums[:, 0] / self.cells.count / (2.0 * self.cells.sample_rate_hz)
+        return np.asarray(self._of_means @ means + self._of_ramps @ (share[:, None] * ramps))
 
     def series(self, rows: FloatArray) -> FloatArray:
         """The four outputs of rows, shape (rows, k), by group in time: (4, all groups, k), NaN for those left out."""
@@ -188,6 +193,12 @@ class Reducer:
     def _of_bin(self, each: Bin) -> Int64Array:
         in_bin = (self.cells.bin == each.number) & (self.cells.sign == each.sign) & self._counts
         return np.flatnonzero(in_bin)
+
+    @cached_property
+    def _of_means(self) -> sparse.csr_matrix:
+        """From what does not change within the cells to observables, (rows, cells)."""
+        count = self._sums[:, 0]
+        return sparse.csr_matrix(self._of_levels @ sparse.diags(count) + self._of_ramps @ sparse.diags(self._time))
 
     @cached_property
     def _of_levels(self) -> sparse.csr_matrix:

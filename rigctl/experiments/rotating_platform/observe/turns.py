@@ -117,7 +117,9 @@ class Turns:
 
     def _directions(self, start: Int64Array, stop: Int64Array, theta_rad: FloatArray) -> FloatArray:
         """Of the turn before each dwell; that of the one before where the platform did not turn."""
-        last_rad, direction = self._stop_rad, self._direction
+        # A run may begin in a turn: which way it goes its own angles tell.
+        last_rad = self._stop_rad if math.isfinite(self._stop_rad) else theta_rad[0]
+        direction = self._direction
         directions = np.empty(start.size)
         for number, (begin, end) in enumerate(zip(start.tolist(), stop.tolist(), strict=True)):
             # A dwell that goes on from the block before had its turn there.
