@@ -33,7 +33,8 @@ class Effect:
     parameters are zero. `parameters` gives the units, `typical` plausible sizes. An effect of scope "head" acts on
     `heads`, on all that it can act on when there are none named. `scans` are values that parameters without a zero (a
     time constant) are tried at before they are fitted, one for the recording. A `scanned` effect is found in the
-    samples: it changes none of the reduced data and has no parameters in a fit.
+    samples: it changes none of the reduced data and has no parameters in a fit. What is `never_negative` nature has
+    with one sign only: where a fit finds the other, this effect is not what the data show.
     """
 
     id: str
@@ -47,6 +48,7 @@ class Effect:
     scanned: bool = False
     heads: tuple[str, ...] = ()
     scans: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    never_negative: tuple[str, ...] = ()
 
     @property
     def summary(self) -> str:
@@ -80,6 +82,7 @@ def effect(
     needs: Sequence[Need] = (),
     scanned: bool = False,
     scans: Mapping[str, tuple[float, ...]] | None = None,
+    never_negative: Sequence[str] = (),
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Make a function the effect `id`, acting at the point `on` of the chain."""
 
@@ -95,6 +98,7 @@ def effect(
             tuple(needs),
             scanned,
             scans=dict(scans or {}),
+            never_negative=tuple(never_negative),
         )
 
     return made

@@ -247,9 +247,13 @@ def _candidates(evidence: Evidence) -> Iterator[str]:
     if diagnosis["inseparable"]:
         yield html.heading("Cannot be told apart with these data", 3)
         yield html.listing(inseparable_sentences(diagnosis["inseparable"]))
-    if diagnosis["not_testable"]:
-        yield html.heading("Cannot be tested with these data", 3)
-        yield html.listing(f"{effect}: {reason}" for effect, reason in diagnosis["not_testable"].items())
+    for title, key in (
+        ("Explain it only as nature never has them", "impossible"),
+        ("Cannot be tested with these data", "not_testable"),
+    ):
+        if diagnosis[key]:
+            yield html.heading(title, 3)
+            yield html.listing(f"{effect}: {reason}" for effect, reason in diagnosis[key].items())
 
 
 def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:

@@ -83,8 +83,11 @@ def print_diagnosis(diagnosis: Findings, store: str) -> None:
     shown += [_text(*said)] if (said := slow_noise_sentences(diagnosis)) else []
     shown += [ranking_table(diagnosis, RANKS)] if diagnosis["ranking"] else []
     shown.append(_listed("Cannot be told apart with these data", _inseparable(diagnosis)))
-    untestable = [f"{effect}: {reason}" for effect, reason in diagnosis["not_testable"].items()]
-    shown.append(_listed("Cannot be tested with these data", untestable))
+    for title, key in (
+        ("Explain it only as nature never has them", "impossible"),
+        ("Cannot be tested with these data", "not_testable"),
+    ):
+        shown.append(_listed(title, [f"{effect}: {reason}" for effect, reason in diagnosis[key].items()]))
     print_tables(each for each in shown if each.rows or each.notes)
 
 

@@ -260,6 +260,8 @@ class Diagnosis:
     scatter: tuple[UnevenScatter, ...] = ()
     stated_sigma: StatedSigma | None = None
     next_measurement: Mapping[str, Any] | None = None
+    impossible: Mapping[str, str] = field(default_factory=dict)
+    """Effects that explain the data by values that nature never has, and which."""
 
     def as_json(self) -> dict[str, Any]:
         """Keys of `rigctl diagnose --json`."""
@@ -272,6 +274,7 @@ class Diagnosis:
             "inseparable": [each.as_json() for each in self.inseparable],
             "unexplained": None if self.unexplained is None else self.unexplained.as_json(),
             "not_testable": dict(self.not_testable),
+            "impossible": dict(self.impossible),
             "steps": [
                 {**vars(step), "terms": [term.effect for term in step.terms], "dropped": list(step.dropped)}
                 for step in self.steps

@@ -44,6 +44,7 @@ def diagnosis(verdict: str, *ranks: dict[str, Any], suggested: tuple[str, ...] =
         "inseparable": [],
         "unexplained": None,
         "not_testable": {},
+        "impossible": {},
         **more,
     }
 

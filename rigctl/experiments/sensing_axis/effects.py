@@ -152,6 +152,7 @@ def axis_tilt(run: Runs, eps_cos: FloatArray, eps_sin: FloatArray) -> FloatArray
     typical={"inv_w0_squared": 2e-3, "damping": 4.5e-3},
     source=f"{LUCENTE}, eq. 1, normalised to unit gain at DC; plausible w0 2 pi 1 to 100 Hz, Q 1 to 1000",
     scope="axis-configuration",
+    never_negative=("inv_w0_squared", "damping"),
 )
 def resonance(run: Runs, inv_w0_squared: FloatArray, damping: FloatArray) -> FloatArray:
     """The proof mass is a damped spring: response grows towards its resonance and lags."""

@@ -48,6 +48,13 @@ class SensingAxisModel:
         )
 
     @property
+    def never_negative(self) -> frozenset[str]:
+        """Names of parameters that nature has with one sign only."""
+        kinds = {family_of(effect, name) for effect in self.inner.effects for name in effect.never_negative}
+        families = [each for each in self.inner.families if each.base in kinds]
+        return frozenset(self.parameters[each.first + k].name for each in families for k in range(each.count))
+
+    @property
     def observations(self) -> Observations:
         """The data, in the order of predictions."""
         return self._data.observations

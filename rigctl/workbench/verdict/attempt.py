@@ -26,7 +26,7 @@ from rigctl.workbench.verdict.profiled import profiled
 from rigctl.workbench.verdict.questions import Questions
 from rigctl.workbench.verdict.rotated import FEW, Rotated
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
-from rigctl.workbench.verdict.score import Score, corrected
+from rigctl.workbench.verdict.score import Score, contained_at_most, corrected
 from rigctl.workbench.verdict.scoring import Scoring
 from rigctl.workbench.verdict.sketched import SketchedTrials
 from rigctl.workbench.verdict.trials import Family, Trials, trials
@@ -169,16 +169,10 @@ class Attempt(FittedModel):
     @cached_property
     def likeness_bounds(self) -> FloatArray:
         """How far each effect's span lies within each other's at most, as cosines, (effects, effects)."""
-        bases = [self._basis(each) for each in self.scored]
-        if not bases:
-            return np.zeros((0, 0))
-        dimensions = np.array([each.shape[1] for each in bases])
-        joined = np.hstack(bases)
-        first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
-        # The mean squared cosine is no less than the smallest, and needs no singular values.
-        overlap = np.add.reduceat(np.add.reduceat((joined.T @ joined) ** 2, first, axis=0), first, axis=1)
         # What is alike to a part in a hundred a sketch tells to a few in ten thousand.
-        return np.asarray(np.sqrt(overlap / dimensions[:, None]) + (0.0 if self._sketched is None else _OF_A_SKETCH))
+        return contained_at_most(list(map(self._basis, self.scored))) + (
+            0.0 if self._sketched is None else _OF_A_SKETCH
+        )
 
     def _basis(self, scored: Scored) -> FloatArray:
         """Of an effect, or its sketch; one column of zeros where all is absorbed."""

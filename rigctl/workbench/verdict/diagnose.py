@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
+from rigctl.core.errors import UNFIT
 from rigctl.workbench.findings import Diagnosis, JointFit, Step, Unexplained, Verdict
-from rigctl.workbench.study import Study, Term
+from rigctl.workbench.study import OfOneSign, Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import LEVEL, Account, account_of
 from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.alike import inseparable_effects
 from rigctl.workbench.verdict.description import described
+from rigctl.workbench.verdict.impossible import impossible_parameters
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_as_a_whole, unexplained_between_settings
 from rigctl.workbench.verdict.likelihood import maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
@@ -65,6 +68,7 @@ def diagnose(
         inseparable=inseparable_effects(first),
         unexplained=unexplained,
         not_testable={each.effect: each.reason for each in first.not_testable},
+        impossible=_impossible_effects(search),
         steps=tuple(_steps(search)),
         n_eff=first.trials.all,
         noise=noise_entries(first),
@@ -106,6 +110,26 @@ def _or_noise(search: Search, alpha: float, seed: int) -> tuple[tuple[str, str],
     breaks = [term for term in terms if breaks_level(search.attempt(terms), term.effect)]
     asked = ((term.effect, is_noise_instead(study, terms, term, alpha, seed)) for term in breaks)
     return tuple((effect, order) for effect, order in asked if order is not None)
+
+
+def _impossible_effects(search: Search) -> dict[str, str]:
+    """By effect, why what is significant beside the given terms is not what the data show."""
+    first = search.attempt(search.given)
+    reasons: dict[str, str] = {}
+    if not isinstance(first.model, OfOneSign):
+        return reasons
+    for each in first.scored:
+        effect = each.candidate.term.effect
+        if first.corrected(each.score.p_value, effect) >= search.alpha:
+            continue
+        with suppress(*UNFIT):
+            with_it = search.attempt((*search.given, each.candidate.term))
+            names = impossible_parameters(with_it, {effect}, search.alpha)
+            found = {name: with_it.estimates()[name] for name in names}
+            told = [f"{name} = {one.value:.3g} +- {one.sigma:.2g} {one.unit}" for name, one in found.items()]
+            if told:
+                reasons[effect] = f"{', '.join(told)}: never negative"
+    return reasons
 
 
 def _verdict(search: Search, ambiguous: bool, unexplained: Unexplained | None) -> Verdict:

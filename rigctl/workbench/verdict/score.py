@@ -174,3 +174,15 @@ def contained(inner: FloatArray, outer: FloatArray) -> float:
     if not inner.shape[1] or inner.shape[1] > outer.shape[1]:
         return 0.0
     return float(svd(inner.T @ outer)[1][-1])
+
+
+def contained_at_most(bases: Sequence[FloatArray]) -> FloatArray:
+    """Of each of some orthonormal `bases` (n, d) a bound on how far it lies within each other one, (bases, bases)."""
+    if not bases:
+        return np.zeros((0, 0))
+    dimensions = np.array([each.shape[1] for each in bases])
+    joined = np.hstack(bases)
+    first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
+    # The mean squared cosine is no less than the smallest, and needs no singular values.
+    overlap = np.add.reduceat(np.add.reduceat((joined.T @ joined) ** 2, first, axis=0), first, axis=1)
+    return np.asarray(np.sqrt(overlap / dimensions[:, None]))

@@ -21,6 +21,7 @@ from rigctl.workbench.verdict.beside_shapes import (
 from rigctl.workbench.verdict.choices import joined
 from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.generic import Best, Generic
+from rigctl.workbench.verdict.impossible import impossible_parameters
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.rather_than_noise import break_rather_than_noise
@@ -134,11 +135,13 @@ class Search:
         self._attempts[_key(attempt.terms)] = attempt
 
     def attempt_if_fit(self, terms: Sequence[Term]) -> Attempt | None:
-        """The same; None for terms that these data do not determine together."""
+        """The same; None for terms that these data do not determine together, or as nature never has them."""
         try:
-            return self.attempt(terms)
+            made = self.attempt(terms)
         except UNFIT:
             return None
+        added = {term.effect for term in terms} - {term.effect for term in self.given}
+        return None if impossible_parameters(made, added, self.alpha) else made
 
     @property
     def suggested(self) -> tuple[Term, ...]:
@@ -204,13 +207,12 @@ class Search:
     def _explain(self, both: tuple[Term, Term]) -> bool:
         """Whether two further terms are both needed, and nothing beside them is."""
         terms = (*self.terms, *both)
-        try:
-            level = CATALOGUE_SHARE * self.alpha
-            corrected = self.attempt(terms).corrected
-            needed = all(corrected(self.p_of_term(terms, each), each.effect) < level for each in both)
-            return needed and is_adequate(self.attempt(terms), self.alpha)
-        except UNFIT:  # these data do not determine both
+        with_both = self.attempt_if_fit(terms)
+        if with_both is None:
             return False
+        level = CATALOGUE_SHARE * self.alpha
+        needed = all(with_both.corrected(self.p_of_term(terms, each), each.effect) < level for each in both)
+        return needed and is_adequate(with_both, self.alpha)
 
     def price(self, noise: Noise) -> float:
         """Chi-square of what was found, with one noise for all that is compared, and what its parameters cost."""

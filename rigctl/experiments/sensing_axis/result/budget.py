@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from rigctl.experiments.sensing_axis.model.fit import RecordingFit, residuals_of
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.observables import Amplitudes, RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
+from rigctl.experiments.sensing_axis.result.host_turns import host_turns
 from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult
 
 Uncertainties = Mapping[str, Mapping[str, float]]
@@ -106,7 +107,7 @@ def _axis_budget(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainti
         *_guide(axis, fit, uncertainties),
         *_gravity(axis, fit, uncertainties),
     ]
-    turns = _host_turns(axis)
+    turns = host_turns(axis.host)
     of_turn = {each.name: basis @ np.cross(axis.host.matrix.T @ about, axis.plane.normal) for each, about in turns}
 
     def measurement(values: Mapping[str, float]) -> FloatArray:
@@ -319,24 +320,6 @@ def _gravity(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) 
 
     # Exactly linear: the step may be large beside rounding.
     return [_Input(contribution, _response(axis, fit, changed, step=1e-2))]
-
-
-def _host_turns(axis: AxisResult) -> list[tuple[Contribution, FloatArray]]:
-    """What is uncertain of the rotation into the host's frame, as independent turns [rad] about directions in it."""
-    measured = axis.host.dof > 0
-    kind: Literal["A", "B"] = "A" if measured else "B"
-    source = "directions measured in both frames" if measured else "rig file"
-    return [
-        (Contribution(f"host frame about {_words(about)}", 0.0, u_rad, "rad", type=kind, source=source), about)
-        for about, u_rad in axis.host.turns()
-    ]
-
-
-def _words(direction: FloatArray) -> str:
-    nearest = int(np.argmax(np.abs(direction)))
-    if abs(direction[nearest]) > 1.0 - 1e-9:
-        return "xyz"[nearest]
-    return " ".join(f"{component:+.2f}" for component in direction)
 
 
 def _included(axis: AxisResult, uncertainties: Uncertainties) -> list[Included]:
