@@ -119,6 +119,8 @@ def _drag(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> 
     for axis, (once, twice) in enumerate(((c1, s2), (s1, c2), (s1, c2))):
         level, first, second = drag.force_m_s2[axis], drag.force_1_m_s2[axis], drag.force_2_m_s2[axis]
         made[:, FORCING["force"] + axis] = level + first * once + second * twice
+    if external := settings.external():
+        _put(made, "force", external.at(time_s))
     for axis, (once, twice) in enumerate(((c1, s2), (s1, c2), (c1, s2))):
         level, first, second = drag.torque_rad_s2[axis], drag.torque_1_rad_s2[axis], drag.torque_2_rad_s2[axis]
         made[:, FORCING["torque"] + axis] = level + first * once + second * twice

@@ -7,6 +7,7 @@ and densities are chosen. What is drawn is uniform within plus or minus the boun
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
@@ -14,6 +15,7 @@ from pydantic import Field, model_validator
 from simulators.benches import WorldTable
 from simulators.worlds import effect_sizes
 from simulators.worlds.effect_sizes import Scope
+from simulators.worlds.satellite.drag_file import ExternalAcceleration, external_acceleration
 from simulators.worlds.satellite.effect_ids import EFFECTS, MASSES, NEVER_ZERO
 
 
@@ -65,8 +67,13 @@ class Loops(WorldTable):
 
 
 class Drag(WorldTable):
-    """What acts from outside: levels, and amplitudes at the orbit's frequency and twice that."""
+    """What acts from outside: levels, and amplitudes at the orbit's frequency and twice that; or forces of a file."""
 
+    file: Path | None = None
+    """In the place of the three forces. Torques stay."""
+    area_m2: float = Field(default=2.0, gt=0.0)
+    drag_coefficient: float = Field(default=2.2, gt=0.0)
+    """Both for a file of the air's density and velocity."""
     force_m_s2: tuple[float, float, float] = (2e-8, -1e-8, 3e-8)
     force_1_m_s2: tuple[float, float, float] = (2e-8, 5e-9, -2e-8)
     """On cos M, sin M, sin M."""
@@ -129,6 +136,19 @@ class SatelliteSettings(WorldTable):
             if effect in self.effects and not all(self.size(effect, parameter, mass) > 0.0 for mass in MASSES):
                 raise ValueError(f"effect '{effect}' needs a {parameter} above zero; write {parameter}")
         return self
+
+    @model_validator(mode="after")
+    def _readable_drag(self) -> Self:
+        # A file that is wrong is told of when the rig file is, and not in the middle of a session.
+        self.external()
+        return self
+
+    def external(self) -> ExternalAcceleration | None:
+        """What the file says of the external acceleration; None without one."""
+        drag = self.drag
+        if drag.file is None:
+            return None
+        return external_acceleration(drag.file, drag.area_m2, drag.drag_coefficient, self.satellite_kg)
 
     def size(self, effect: str, parameter: str, mass: str = "") -> float:
         """The size of an effect's parameter for one mass; 0 when absent."""
