@@ -18,8 +18,9 @@ from rigctl.experiments.inflight.model.baseline import Stretch, joint_estimate
 from rigctl.experiments.inflight.model.equation import coefficients, own_channel, own_force
 from rigctl.experiments.inflight.model.paper import FittedRun
 from rigctl.experiments.inflight.model.parameters import SHARED
+from rigctl.experiments.inflight.observe.edge import FAST
 from rigctl.experiments.inflight.observe.reduction import ReducedRun, ReducedStretch
-from rigctl.experiments.inflight.observe.series import Amplitudes
+from rigctl.experiments.inflight.observe.series import INDEX, Amplitudes
 from rigctl.experiments.inflight.observe.sessions import DRIFT, STIMULUS, Line, Session
 from rigctl.experiments.inflight.observe.weights import DRIFT_CYCLES
 
@@ -144,9 +145,17 @@ class Observed:
         for run, noise in zip(self.runs, self.noises, strict=True):
             frequencies = np.array([run.session.frequency_of(line) for line in run.whole.lines])
             sigma = np.sqrt(noise.density(frequencies)) * run.whole.spread
-            both = np.stack([sigma, sigma], axis=1)
+            both = np.hypot(sigma[:, None], np.sqrt(_at_the_edge(run, self.values)))
             fitted[run.session.name] = FittedRun(run.session, run.whole.amplitudes, both)
         return fitted
+
+
+def _at_the_edge(run: ReducedRun, values: FloatArray) -> FloatArray:
+    """Variance of cosine and sine of each published line by noise far above them, (lines, 2)."""
+    if run.whole.fast is None:
+        return np.zeros((len(run.whole.lines), 2))
+    c = _left_over(run, values)[[INDEX[name] for name in FAST]]
+    return np.asarray(np.einsum("i,rij,j->r", c, run.whole.fast, c).reshape(-1, 2))
 
 
 def observed(runs: Sequence[ReducedRun]) -> Observed:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
+from rigctl.experiments.inflight.observe.edge import fast_noise
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of, thinned, thinning_gain
 from rigctl.experiments.inflight.observe.series import Amplitudes, raw_series, stretch_amplitudes
 from rigctl.experiments.inflight.observe.sessions import (
@@ -93,13 +94,14 @@ _REMARKED, _WHOLE = 1e-4, 1e-6
 @dataclass(frozen=True)
 class ReducedStretch:
     """Amplitudes at `lines`; `spread` (lines,) is the standard uncertainty of one component in noise of unit density
-    (one-sided, per Hz)."""
+    (one-sided, per Hz), `fast` (2 lines, 4, 4) what `edge.fast_noise` says of a whole run without gaps."""
 
     start_s: float
     stop_s: float
     lines: tuple[Line, ...]
     amplitudes: Amplitudes
     spread: FloatArray
+    fast: FloatArray | None = None
 
     def at(self, lines: Sequence[Line]) -> ReducedStretch:
         """At those of its lines that are among `lines`."""
@@ -152,7 +154,7 @@ def reduce_run(
             run_id,
             session,
             dict(conditions),
-            _stretch(session, grid, session.fitted_lines()),
+            _whole(session, grid),
             halves_of(session, grid),
             between_lines(session, coarse),
             coarse,
@@ -169,10 +171,26 @@ def halves_of(session: Session, grid: Grid) -> tuple[ReducedStretch, ...]:
     return tuple(_stretch(session, part, session.reduced_lines(part.duration_s), drift=True) for part in parts)
 
 
+def _whole(session: Session, grid: Grid) -> ReducedStretch:
+    lines = session.fitted_lines()
+    stretch = _stretch(session, grid, lines)
+    if not grid.present.all():
+        # Weights of runs with gaps go to nothing without an edge.
+        return stretch
+    frequencies, known = _frequencies(session, grid, lines)
+    rows, _ = _rows(float(grid.t_s[0]), grid.step_s, len(grid.t_s), frequencies, known)
+    return replace(stretch, fast=fast_noise(rows, grid.columns, grid.step_s, max(frequencies)))
+
+
+def _frequencies(session: Session, grid: Grid, lines: Sequence[Line]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Of lines, and of all that are known in a stretch so long."""
+    known = session.reduced_lines(grid.duration_s)
+    return tuple(session.frequency_of(line) for line in lines), tuple(session.frequency_of(line) for line in known)
+
+
 def _stretch(session: Session, grid: Grid, lines: Sequence[Line], *, drift: bool = False) -> ReducedStretch:
     # Levels beside all known lines, also those that are not asked for: they are in the samples all the same.
-    frequencies = tuple(session.frequency_of(line) for line in lines)
-    known = tuple(session.frequency_of(line) for line in session.reduced_lines(grid.duration_s))
+    frequencies, known = _frequencies(session, grid, lines)
     # Whole stretches share their weights, which are large; every pattern of gaps has its own.
     if bool(grid.present.all()):
         rows, level = _rows(float(grid.t_s[0]), grid.step_s, len(grid.t_s), frequencies, known)

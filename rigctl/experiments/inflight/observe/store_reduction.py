@@ -17,7 +17,7 @@ from rigctl.experiments.inflight.observe.reduction import BetweenLines, ReducedR
 from rigctl.experiments.inflight.observe.series import Amplitudes, without_pulses
 from rigctl.experiments.inflight.observe.sessions import Line, session_of
 
-RECIPE = Recipe("inflight-calibration", 9)
+RECIPE = Recipe("inflight-calibration", 10)
 """Its version is counted up whenever reduction.py or model/residual_samples.py would give other numbers."""
 
 
@@ -96,6 +96,7 @@ def packed(run: ReducedRun) -> Packed:
         "coarse": (columns - levels[:, None]).astype(np.float32),
         **{f"table_{place}": each.amplitudes.table for place, each in enumerate(stretches)},
         **{f"spread_{place}": each.spread for place, each in enumerate(stretches)},
+        **({} if run.whole.fast is None else {"fast": run.whole.fast}),
     }
     return Packed(head, arrays)
 
@@ -119,7 +120,7 @@ def unpacked(kept: Packed, run: RunRecord | ReducedRun) -> ReducedRun:
         run.run_id,
         session_of(run.run_id, run.conditions, head["orbit_period_s"], head["sample_period_s"]),
         dict(run.conditions),
-        whole,
+        replace(whole, fast=arrays.get("fast")),
         tuple(halves),
         BetweenLines(arrays["f_hz"], arrays["bins"]),
         Grid(arrays["t_s"], columns, arrays["present"]),
