@@ -48,7 +48,11 @@ class Kind:
         """(fitted - true) / sigma of every parameter of the effects that were hidden and named."""
         found: dict[str, float] = {}
         parameters = session.fit["parameters"]
+        alike = {entry["effect"]: set(entry["equivalent_to"]) for entry in session.diagnose["ranking"]}
         for name in set(trial.hidden) & set(session.suggested) - self.unpulled:
+            # Of two that cannot be told apart only the sum is known.
+            if alike.get(name, set()) & set(trial.hidden) - {name}:
+                continue
             for parameter, true in trial.parameters.items():
                 if re.sub(r"\[.*", "", parameter) not in self.known[name]:
                     continue
