@@ -10,7 +10,7 @@ import numpy as np
 
 from rigctl.analysis.stability.allan import ONE_SIGMA, AllanFamily, allan_family
 from rigctl.analysis.stability.coefficients import Coefficient, Floor, coefficients, floor
-from rigctl.analysis.stability.density import Density, density
+from rigctl.analysis.stability.density import EVERYWHERE, Density, density
 from rigctl.campaign.bundle.csv_table import decode
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.bundle.sample_file import read_csv
@@ -55,12 +55,21 @@ class NoiseStudy:
 
 
 def noise_study(
-    series: Series, *, confidence: float = ONE_SIGMA, taus: str = "octave", without_lines: bool = False
+    series: Series,
+    *,
+    confidence: float = ONE_SIGMA,
+    taus: str = "octave",
+    band_hz: tuple[float, float] = EVERYWHERE,
+    without_lines: bool = False,
 ) -> NoiseStudy:
-    """Everything about a series; `without_lines` takes steady sines out before the Allan family. `DataError`."""
+    """Everything about a series; the density is fitted within `band_hz`.
+
+    `without_lines` takes steady sines out before the Allan family. `DataError` for a record too short for one,
+    `ConfigError` for a band without enough of the density in it.
+    """
     remarks = list(series.remarks)
     try:
-        found = density(series.samples, series.rate_hz)
+        found = density(series.samples, series.rate_hz, band_hz)
     except DataError as error:
         found = None
         remarks.append(f"no spectral density: {error}")
@@ -162,8 +171,11 @@ def _series(
     if not chosen:
         raise DataError(f"{where}: no column in it varies; there is no noise to describe")
     for name in chosen:
-        place = f"{where}, {name}"
-        samples, rate, remarks = _even(place, signals[name], times.get(name), rate_hz)
+        place, column, time_s = f"{where}, {name}", signals[name], times.get(name)
+        if time_s is not None and time_s.size != column.size:
+            # A run that was cut off: what came of one and not of the other is no sample.
+            column, time_s = column[: time_s.size], time_s[: column.size]
+        samples, rate, remarks = _even(place, column, time_s, rate_hz)
         unit = told[name].unit or unit_of_column(name)
         yield Series(source, run, name, unit, told[name].kind, samples, rate, remarks)
 

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from rigctl.campaign.recording import OWN_CLOCK, ChannelInfo, Header
+from rigctl.campaign.store.store import Store
 from rigctl.cli import app
 from rigctl.core.errors import RigError
 
@@ -97,6 +99,20 @@ def test_a_line_is_found_and_taken_out(tmp_path: Path) -> None:
     assert without["allan"][0]["value"] == pytest.approx(1.0, abs=0.03)
 
 
+def test_the_density_is_fitted_in_a_band(tmp_path: Path) -> None:
+    """White noise of 1 V with a hump of slow noise below 0.2 Hz."""
+    n, rate, rng = 20000, 50.0, np.random.default_rng(6)
+    slow = np.convolve(rng.normal(size=n + 400), np.hanning(401), "valid") / 5.0
+    path = written(tmp_path / "band.csv", x_v=slow + rng.normal(size=n))
+    (whole,), (part,) = (noise(path, "--rate", rate, *more)["series"] for more in ([], ["--above", 2]))
+    assert whole["density"]["p_value"] < 1e-3 < part["density"]["p_value"]
+    assert part["density"]["band_hz"] == [2.0, 25.0]
+    walk = part["coefficients"][0]
+    assert abs(walk["value"] - 1.0 / rate**0.5) < 4.0 * walk["sigma"]
+    assert "fit a wider band" in refused(path, "--rate", rate, "--above", 30)
+    assert "fit a wider band" in refused(path, "--rate", rate, "--above", 9, "--below", 8)
+
+
 def test_figures_are_drawn_with_their_numbers(white: Path, tmp_path: Path) -> None:
     told = noise(white, "--figures", tmp_path / "figures")["written"]
     names = [f"{figure}_accel_m_s2.{suffix}" for figure in ("allan", "density") for suffix in ("svg", "csv")]
@@ -111,6 +127,52 @@ def test_the_table_fits_a_terminal(white: Path) -> None:
     assert "random walk" in found.stdout
     rows = [line for line in found.stdout.splitlines() if line.startswith("│")]
     assert len(rows) == 9 + 3  # one line each: 9 averaging times, 3 coefficients
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    """Two runs of white noise, the second longer and with a laser on a clock of its own; a third was cut off."""
+    path, rng = tmp_path / "runs.rig.sqlite", np.random.default_rng(8)
+    laser = ChannelInfo("mm", "displacement", clock=OWN_CLOCK)
+    channels = {"accel_v": ChannelInfo("V", "accelerometer"), "laser_1_mm": laser}
+    with Store.create(path, Header("sensing-axis", channels=channels)) as made:
+        for run_id, n in (("1", 500), ("2", 800), ("3", 900)):
+            with made.begin_run(run_id, "scan", {}, run_id) as run:
+                run.append(
+                    {"t_s": np.arange(n) / 100.0, "accel_v": rng.normal(size=n), "theta_deg": np.arange(n) / n}
+                )
+                run.append({"laser_1_mm.t_s": np.arange(400) / 50.0, "laser_1_mm": rng.normal(size=400)})
+                if run_id == "3":
+                    run.append({"accel_v": np.ones(9)})
+                else:
+                    run.finish()
+    return path
+
+
+def test_a_store_gives_the_channels_of_its_longest_run_each_on_its_own_clock(store: Path) -> None:
+    found = noise(store)["series"]
+    assert [(each["run"], each["channel"], each["samples"], each["unit"]) for each in found] == [
+        ("2", "accel_v", 800, "V"),
+        ("2", "laser_1_mm", 400, "mm"),
+    ]
+    assert [each["rate_hz"] for each in found] == [pytest.approx(100.0), pytest.approx(50.0)]
+    assert [each["coefficients"][0]["name"] for each in found] == ["velocity random walk", "white noise"]
+
+
+def test_runs_and_channels_of_a_store_are_chosen(store: Path) -> None:
+    found = noise(store, *("--run", 1), *("--run", 2), *("--run", 3), *("--channel", "accel_v"))["series"]
+    # Of a run that was cut off, what has a time.
+    assert [(each["run"], each["samples"]) for each in found] == [("1", 500), ("2", 800), ("3", 900)]
+    assert "no channel accel_x; there are accel_v, theta_deg" in refused(store, "--channel", "accel_x")
+    assert "no run 9" in refused(store, "--run", 9)
+    assert "for CSV files" in refused(store, "--rate", 5)
+
+
+def test_a_store_without_runs_has_no_noise(tmp_path: Path) -> None:
+    path = tmp_path / "empty.rig.sqlite"
+    with Store.create(path, Header("sensing-axis")):
+        pass
+    assert "no valid runs" in refused(path)
 
 
 @pytest.mark.parametrize(

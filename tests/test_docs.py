@@ -370,6 +370,20 @@ def test_keys_of_the_result_are_as_documented(measured: str) -> None:
     assert _keys_said("result budget") == set(result["budget"]["Y"])
 
 
+def test_keys_of_noise_are_as_documented(measured: str) -> None:
+    (of_one_channel,) = _run("noise", measured, "--channel", "accel_v")["series"]
+    rows = {
+        cell: row[1] for row in _rows(_doc("commands.md"), "json: noise") for cell in re.findall(r"`(\w+)`", row[0])
+    }
+    assert set(rows) == set(of_one_channel)
+    of_one_tau = set(of_one_channel["allan"][0])
+    assert of_one_tau <= set(re.findall(r"`(\w+)`", rows["allan"]))
+    assert set(of_one_channel["lowest"]) - of_one_tau <= set(re.findall(r"`(\w+)`", rows["lowest"]))
+    density = of_one_channel["density"]
+    assert {*density, *density["terms"][0]} <= set(re.findall(r"`(\w+)`", rows["density"]))
+    assert set(of_one_channel["coefficients"][0]) == set(re.findall(r"`(\w+)`", rows["coefficients"]))
+
+
 def _json_keys_said(command: str) -> set[str]:
     section = re.search(rf"^### {command}\n(.*?)(?=^##|\Z)", _doc("commands.md"), re.DOTALL | re.MULTILINE)
     assert section is not None

@@ -40,6 +40,8 @@ def noise(
     ] = None,
     taus: Annotated[str, typer.Option(help="Averaging times: octave or decade (1, 2, 5).")] = "octave",
     confidence: Annotated[float, typer.Option(metavar="P", parser=number, help="Of the intervals.")] = 0.6827,
+    above: Annotated[float, typer.Option(metavar="HZ", parser=number, help="Fit the density from here on.")] = 0.0,
+    below: Annotated[float, typer.Option(metavar="HZ", parser=number, help="Fit the density up to here.")] = 1e40,
     without_lines: Annotated[
         bool, typer.Option("--without-lines", help="Take steady sines out before the Allan family.")
     ] = False,
@@ -55,7 +57,9 @@ def noise(
     documents: list[dict[str, Any]] = []
     plates: list[Plate[Any]] = []
     for each in series:
-        study = noise_study(each, confidence=confidence, taus=taus, without_lines=without_lines)
+        study = noise_study(
+            each, confidence=confidence, taus=taus, band_hz=(above, below), without_lines=without_lines
+        )
         documents.append(noise_document(study))
         if not as_json:
             print_tables(noise_tables(study))

@@ -14,7 +14,9 @@ from scipy import optimize, stats
 from rigctl.analysis.stability.segments import FIRST_BIN, Bins, parts, welch
 from rigctl.analysis.stability.steady_lines import LOBE, SteadyLine, take_out_lines
 from rigctl.core.arrays import BoolArray, FloatArray
-from rigctl.core.errors import DataError
+from rigctl.core.errors import ConfigError, DataError
+
+EVERYWHERE = (0.0, np.inf)
 
 SHORTEST = 256
 """Samples below which no density is given."""
@@ -58,6 +60,7 @@ class Density:
     """A record's density with its fit; where the fit does not describe it, uncertainties are widened by `scale`."""
 
     cells: Cells
+    band_hz: tuple[float, float]
     lines: tuple[SteadyLine, ...]
     terms: tuple[PowerLaw, ...]
     chi2: float
@@ -72,8 +75,11 @@ class Density:
         return np.asarray(sum(term.value * frequency_hz**term.exponent for term in self.terms))
 
 
-def density(samples: FloatArray, rate_hz: float) -> Density:
-    """The density of evenly spaced samples without gaps, with its fit; `DataError` for fewer than `SHORTEST`."""
+def density(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float] = EVERYWHERE) -> Density:
+    """The density of evenly spaced samples without gaps, with its fit between the frequencies of `band_hz`.
+
+    `DataError` for fewer than `SHORTEST` samples or none that vary, `ConfigError` for a band with too little in it.
+    """
     if samples.size < SHORTEST:
         raise DataError(f"{samples.size} samples are too few for a spectral density: record at least {SHORTEST}")
     if not np.any(samples != samples[0]):
@@ -90,7 +96,15 @@ def density(samples: FloatArray, rate_hz: float) -> Density:
     if len(cells) <= len(EXPONENTS):
         raise DataError("lines leave too little of the spectrum to describe noise: record longer")
     frequency_hz, psd, dof, *shapes = (np.array(each) for each in zip(*cells, strict=True))
-    return _fitted(Cells(frequency_hz, psd, dof, np.stack(shapes)), tuple(lines), rest)
+    everything = Cells(frequency_hz, psd, dof, np.stack(shapes))
+    within = (frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1])
+    if np.count_nonzero(within) <= len(EXPONENTS):
+        raise ConfigError(
+            f"too little of the density lies between {band_hz[0]:g} and {band_hz[1]:g} Hz; it goes from "
+            f"{frequency_hz[0]:.3g} to {frequency_hz[-1]:.3g} Hz: fit a wider band"
+        )
+    fit = _fitted(Cells(frequency_hz[within], psd[within], dof[within], everything.shapes[:, within]))
+    return Density(everything, band_hz, tuple(lines), *fit, rest)
 
 
 def _without(bins: Bins, lines: list[SteadyLine], width_hz: float) -> BoolArray:
@@ -118,7 +132,7 @@ def _cells(bins: Bins, free: BoolArray, last: int) -> list[tuple[float, ...]]:
     return found
 
 
-def _fitted(cells: Cells, lines: tuple[SteadyLine, ...], rest: FloatArray) -> Density:
+def _fitted(cells: Cells) -> tuple[tuple[PowerLaw, ...], float, int, float, float]:
     """Fisher scoring of the gamma likelihood, no term below zero: weighted least squares until weights stay."""
     # In units that all terms share, whatever the samples' own.
     unit = np.array([float(np.median(cells.psd / shape)) for shape in cells.shapes])
@@ -141,7 +155,7 @@ def _fitted(cells: Cells, lines: tuple[SteadyLine, ...], rest: FloatArray) -> De
         PowerLaw(exponent, float(h * u), float(s * u), float((h + _ONE_IN_TWENTY * s) * u))
         for exponent, h, s, u in zip(EXPONENTS, estimate, sigma, unit, strict=True)
     )
-    return Density(cells, lines, terms, chi2, dof, p_value, scale, rest)
+    return terms, chi2, dof, p_value, scale
 
 
 def _sigmas(design: FloatArray, model: FloatArray, dof: FloatArray, positive: BoolArray) -> FloatArray:

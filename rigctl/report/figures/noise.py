@@ -80,9 +80,11 @@ def _density_rows(study: NoiseStudy) -> Iterator[DensityRow]:
     found = study.density
     assert found is not None
     frequency_hz = found.cells.frequency_hz
-    for kind, psd in (("density", found.cells.psd), ("fit", found.model(frequency_hz))):
-        for f, value in zip(frequency_hz, np.sqrt(psd), strict=True):
-            yield DensityRow(kind, float(f), float(value))
+    for f, psd in zip(frequency_hz, found.cells.psd, strict=True):
+        yield DensityRow("density", float(f), float(psd) ** 0.5)
+    fitted = frequency_hz[(frequency_hz >= found.band_hz[0]) & (frequency_hz <= found.band_hz[1])]
+    for f, psd in zip(fitted, found.model(fitted), strict=True):
+        yield DensityRow("fit", float(f), float(psd) ** 0.5)
     for line in found.lines:
         yield DensityRow("line", line.frequency_hz, None)
 

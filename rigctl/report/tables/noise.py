@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from rigctl.analysis.stability.allan import Deviation
-from rigctl.analysis.stability.coefficients import Coefficient
+from rigctl.analysis.stability.coefficients import FLICKER_FLOOR, Coefficient
 from rigctl.report.quantities import counted, number, p_value, quantity, share
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.stability import NoiseStudy
@@ -64,6 +64,7 @@ def _density(study: NoiseStudy) -> dict[str, Any]:
     cells = {"frequency_hz": found.cells.frequency_hz, "psd": found.cells.psd, "dof": found.cells.dof}
     return {
         **cells,
+        "band_hz": [found.band_hz[0], min(found.band_hz[1], study.series.rate_hz / 2.0)],
         "lines": [asdict(line) for line in found.lines],
         "terms": [asdict(term) | {"resolved": term.resolved} for term in found.terms],
         "chi2": found.chi2,
@@ -95,8 +96,9 @@ def _deviations(study: NoiseStudy) -> ResultTable:
     at = study.floor.at
     told = {
         "first": "the shortest averaging time, no floor",
-        "last": f"over 0.664: bias instability at most {number(study.floor.bias_instability)} {unit}",
-        "between": f"over 0.664: bias instability {number(study.floor.bias_instability)} {unit}",
+        "last": f"over 0.664: bias instability at most {number(at.high / FLICKER_FLOOR)} {unit}",
+        "between": f"over 0.664: bias instability {number(study.floor.bias_instability)} {unit} "
+        f"({number(at.low / FLICKER_FLOOR)} to {number(at.high / FLICKER_FLOOR)})",
     }[study.floor.where]
     notes.append(f"lowest at {number(at.tau_s)} s: {number(at.value)} {unit}; {told}")
     columns = ["#tau / s", "#Allan", "#range / %", "#edf", "noise", "#modified", "#Hadamard"]
@@ -120,7 +122,13 @@ def _coefficients(study: NoiseStudy) -> ResultTable:
     assert study.density is not None
     rows = [[each.symbol, each.name, _size(each), each.unit] for each in study.coefficients]
     found = study.density
-    notes = [f"fit of the density: chi2/dof {number(found.chi2 / found.dof)}, {p_value(found.p_value)}"]
+    low_hz, high_hz = found.band_hz[0], min(found.band_hz[1], study.series.rate_hz / 2.0)
+    band = (
+        f" from {number(low_hz)} to {number(high_hz)} Hz"
+        if low_hz > 0.0 or high_hz < study.series.rate_hz / 2.0
+        else ""
+    )
+    notes = [f"fit of the density{band}: chi2/dof {number(found.chi2 / found.dof)}, {p_value(found.p_value)}"]
     if found.scale > 1.0:
         notes.append(
             "white noise, flicker and random walk do not describe this density: uncertainties widened "
