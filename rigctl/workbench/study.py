@@ -164,15 +164,6 @@ class ExactlyLinear(Protocol):
         """Names of parameters in which predictions are linear by definition."""
 
 
-@runtime_checkable
-class OfOneSign(Protocol):
-    """A model that knows parameters which nature has with one sign only."""
-
-    @property
-    def never_negative(self) -> frozenset[str]:
-        """Names of those."""
-
-
 class Made(Protocol):
     """Columns of each of some choices, made when they are asked for."""
 

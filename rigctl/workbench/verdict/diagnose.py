@@ -7,13 +7,13 @@ from contextlib import suppress
 
 from rigctl.core.errors import UNFIT
 from rigctl.workbench.findings import Diagnosis, JointFit, Step, Unexplained, Verdict
-from rigctl.workbench.study import OfOneSign, Study, Term
+from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import LEVEL, Account, account_of
 from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.alike import inseparable_effects
 from rigctl.workbench.verdict.description import described
-from rigctl.workbench.verdict.impossible import impossible_parameters
+from rigctl.workbench.verdict.impossible import OfOneSign, impossible_parameters
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_as_a_whole, unexplained_between_settings
 from rigctl.workbench.verdict.likelihood import maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import Protocol, runtime_checkable
 
 from scipy.special import ndtri
 
-from rigctl.workbench.study import OfOneSign
 from rigctl.workbench.verdict.fitted_model import FittedModel
+
+
+@runtime_checkable
+class OfOneSign(Protocol):
+    """A model that knows parameters which nature has with one sign only."""
+
+    @property
+    def never_negative(self) -> frozenset[str]:
+        """Names of those."""
 
 
 def impossible_parameters(fitted: FittedModel, effects: Collection[str], alpha: float) -> list[str]:
