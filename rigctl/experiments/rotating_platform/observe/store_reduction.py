@@ -21,10 +21,10 @@ from rigctl.experiments.rotating_platform.observe.lines import line_amplitudes, 
 from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
 from rigctl.experiments.rotating_platform.observe.recorded import COMMANDS, Chains, chains, guards_of
 
-VERSION = 12
+VERSION = 13
 """Of what is kept: counted up whenever cutter.py would give other numbers."""
 
-_SCAN_VERSION = 13
+_SCAN_VERSION = 14
 """The same of scans, whenever line_spectra.py would."""
 
 
