@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
+from procedures.frequency_response import tables as response_tables
 from procedures.inflight import tables as inflight
 from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis import tables
@@ -157,7 +158,7 @@ def test_a_wrong_value_of_a_rig_file_is_named_with_what_is_allowed(
     [
         ((), {"operators": 2}, "unknown key operators"),
         ((), {"text": "x"}, "unknown key text"),
-        ((), {"experiment": "sensing"}, "experiment: input should be 'sensing-axis', 'rotating-platform' or"),
+        ((), {"experiment": "sensing"}, "experiment: input should be 'sensing-axis', 'rotating-platform',"),
         ((), {"procedure": None}, "procedure is missing; add it"),
         ((), {"on_terminal_lost": "abort"}, "on_terminal_lost: input should be 'continue' or 'stop', not 'abort'"),
         (("procedure",), {"amplitude_m": 0.005}, "unknown key procedure.amplitude_m; known there: name, axes"),
@@ -342,6 +343,7 @@ def with_defaults(data: dict[str, Any]) -> dict[str, Any]:
 
 TABLES: dict[tuple[str, bool], type[BaseModel]] = {
     ("sensing-axis", False): tables.Procedure,
+    ("frequency-response", False): response_tables.Procedure,
     ("rotating-platform", False): platform_tables.Procedure,
     ("inflight-calibration", False): inflight.Calibration,
     ("inflight-calibration", True): inflight.MonteCarlo,

@@ -28,6 +28,7 @@ from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
 from drivers.pi_gcs2 import GcsSettings
 from drivers.rotation_settings import RotationSettings
+from procedures.frequency_response import tables as response_tables
 from procedures.inflight.tables import Calibration, MonteCarlo
 from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis.tables import ListedRun, Procedure, Targets
@@ -50,7 +51,7 @@ from simulators.newport_esp301.settings import Esp301Dialect
 from simulators.newport_xps import XpsSimulatorSettings
 from simulators.pi_gcs2 import Gcs2Dialect, Gcs2SimulatorSettings
 from simulators.worlds import bench_settings as world
-from simulators.worlds import platform_effects
+from simulators.worlds import platform_effects, shaken_sensor
 from simulators.worlds import platform_settings as platform
 from simulators.worlds.effect_sizes import EFFECTS, Scope
 from simulators.worlds.satellite import effect_ids
@@ -100,6 +101,9 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "platform chain noise": (platform.ChainNoiseSettings, set()),
     "platform pendulum noise": (platform.PendulumNoiseSettings, set()),
     "platform adc": (platform.AdcSettings, set()),
+    "shaken world": (shaken_sensor.ShakenSettings, set()),
+    "shaken world.sensor": (shaken_sensor.ShakenSensor, set()),
+    "shaken world.lasers.NAME": (shaken_sensor.ShakenHead, set()),
     "satellite world": (satellite.SatelliteSettings, set()),
     "satellite bounds": (satellite.Bounds, set()),
     "satellite noise": (satellite.Noise, set()),
@@ -129,6 +133,8 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "campaign": (CampaignFile, FILE_FIELDS),
     "procedure": (Procedure, set()),
     "procedure.runs": (ListedRun, set()),
+    "response procedure": (response_tables.Procedure, set()),
+    "response procedure.runs": (response_tables.ListedRun, set()),
     "platform procedure": (platform_tables.Procedure, set()),
     "platform procedure.runs": (platform_tables.ListedRun, set()),
     "platform procedure.custom": (platform_tables.CustomPattern, set()),

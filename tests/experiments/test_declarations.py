@@ -22,7 +22,7 @@ from rigctl.files.campaign_file import parse_campaign, settings_of
 from rigctl.report.drawn import Drawing, drawing_of
 
 ROOT = Path(__file__).parents[2]
-OURS = ["sensing-axis", "rotating-platform", "inflight-calibration", "table"]
+OURS = ["sensing-axis", "rotating-platform", "inflight-calibration", "table", "frequency-response"]
 
 MODULE = f"""\
 from typing import Literal
@@ -98,7 +98,7 @@ def test_ours_are_registered_as_those_of_others_and_each_reference_leads_somewhe
 
 def test_what_another_package_installs_is_there_and_of_two_of_one_name_there_is_none(lab: Path) -> None:
     found = Experiments()
-    assert list(found) == [*OURS[:3], "tumble-test"]
+    assert list(found) == [*OURS[:3], OURS[4], "tumble-test"]
     assert found["tumble-test"].points == ("tumble_v",)
     with pytest.raises(DataError, match=r"'table' is registered by rigctl .* and lab .*; uninstall one"):
         experiment_named("table")

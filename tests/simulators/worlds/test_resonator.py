@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from simulators.worlds.resonator import Ideal, Resonator, response
+from simulators.worlds.resonator import Ideal, Lag, Resonator, response
 
 W0 = 2.0 * math.pi * 3.5
 Q = 10.0
@@ -65,3 +65,16 @@ def test_without_inertia_and_damping_it_follows_at_once() -> None:
     ideal = response(0.0, 0.0, STEP_S)
     assert isinstance(ideal, Ideal)
     np.testing.assert_array_equal(ideal.advance(np.arange(6.0)), [1.0, 3.0, 5.0])
+
+
+@pytest.mark.parametrize("frequency_hz", [0.3, 2.0])
+def test_a_pole_turns_and_shortens_a_sine(frequency_hz: float) -> None:
+    tau_s, w = 0.05, 2.0 * math.pi * frequency_hz
+    half_steps = 0.5 * STEP_S * np.arange(1, 2 * round(20.0 / STEP_S) + 1)
+    output = Lag(tau_s, STEP_S).advance(np.sin(w * half_steps))
+    times_s = half_steps[1::2]
+    last = times_s > 10.0
+    columns = np.stack([np.sin(w * times_s), np.cos(w * times_s)], axis=1)
+    in_phase, quadrature = np.linalg.lstsq(columns[last], output[last], rcond=None)[0]
+    # A force that is quadratic within a step is missed by the fourth power of its phase in a step.
+    assert abs(complex(in_phase, quadrature) * (1.0 + 1j * w * tau_s) - 1.0) < 0.1 * (w * STEP_S) ** 4 + 1e-9

@@ -1,0 +1,135 @@
+"""Baseline and effects: a flat response, and what bends it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rigctl.analysis.least_squares import Parameter
+from rigctl.core.arrays import ComplexArray, FloatArray
+from rigctl.experiments.frequency_response.chain import ShakenRuns, fundamental, shaken
+from rigctl.experiments.frequency_response.columns import ACCEL
+from rigctl.experiments.frequency_response.observables import Sensitivity
+from rigctl.workbench.placed import Placed, fit_parameter
+from rigctl.workbench.study import NoisePool, Observations, Series, Term
+
+BLOCKS = 5
+_STEP = 1e-3
+"""Of a parameter's typical size, or of the gain, in differences: what is left is 1e-6 of the derivative."""
+
+_COVARIATES = ("direction", "mounting", "temperature_c", "start_s")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What is known beforehand: gravity, standard uncertainties, beam tilts by head.
+
+    `delay_u_s` is that of the time between the recorders of output and displacement; relative are `gain_u` of the
+    voltmeter, `reference_u` of the displacement, `frequency_u` of the clock. `pitch_u_rad_m` is the guide's.
+    """
+
+    g_m_s2: float = 9.80665
+    delay_u_s: float = 0.0
+    gain_u: float = 0.0
+    reference_u: float = 0.0
+    frequency_u: float = 0.0
+    pitch_u_rad_m: float = 0.0
+    tilts_rad: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """All runs as data, in-phase and quadrature parts of S after each other, and as effects see them."""
+
+    runs: tuple[Sensitivity, ...]
+    bench: Bench
+    observations: Observations
+    shaken: ShakenRuns
+
+
+def recorded(runs: Sequence[Sensitivity], bench: Bench) -> Recorded:
+    """The data of these runs."""
+    value = np.array([[run.value.real, run.value.imag] for run in runs]).ravel()
+    count = len(runs)
+    part = np.tile(np.arange(2, dtype=np.intp), count)
+    names = [name for name in _COVARIATES if any(name in run.conditions for run in runs)]
+    extra = [name for run in runs for name in run.conditions if math.isfinite(run.number(name))]
+    known = dict.fromkeys([*names, *extra, "frequency_hz"])
+    covariates = {name: np.array([run.number(name) for run in runs]) for name in known}
+    covariates["acceleration_m_s2"] = np.array([run.acceleration_m_s2 for run in runs])
+    observations = Observations(
+        run_ids=tuple(run.run_id for run in runs),
+        series=tuple(Series(ACCEL, f"sensitivity {part}", "V s2/m") for part in ("in-phase", "quadrature")),
+        pools=tuple(
+            NoisePool(f"{ACCEL} sensitivity {part}", float(np.mean([run.dof for run in runs])))
+            for part in ("in-phase", "quadrature")
+        ),
+        value=value,
+        sigma=np.repeat([run.sigma for run in runs], 2),
+        series_of=part,
+        run_of=np.repeat(np.arange(count, dtype=np.intp), 2),
+        pool_of=part,
+        group_of=np.zeros(2 * count, dtype=np.intp),
+        # Neighbours in time held out together: what drifts is then predicted, not interpolated.
+        block_of=np.arange(count, dtype=np.intp) * min(BLOCKS, count) // count,
+        covariates={name: column for name, column in covariates.items() if np.ptp(column) != 0.0},
+        frequency="frequency_hz",
+    )
+    return Recorded(tuple(runs), bench, observations, shaken(runs, bench.g_m_s2))
+
+
+class ResponseModel:
+    """A `rigctl.workbench.study.Model`: a flat response, S = gain, and effects."""
+
+    def __init__(self, data: Recorded, effects: Sequence[Placed] = ()) -> None:
+        self.data, self.placed = data, tuple(effects)
+        self.terms: tuple[Term, ...] = tuple(each.term for each in effects)
+        self.observations = data.observations
+        added = [one for each in effects for one in each.parameters]
+        gain = float(np.median([run.value.real for run in data.runs]))
+        self.parameters: Sequence[Parameter] = (Parameter("gain", gain), *map(fit_parameter, added))
+        self.units: Sequence[str] = ("V s2/m", *(one.unit for one in added))
+        self.owners: Sequence[str] = ("", *(each.effect.id for each in effects for _ in each.parameters))
+        self.local: Sequence[bool] = (False,) * len(self.parameters)
+        self._steps = np.array([_STEP * abs(gain), *(_STEP * abs(one.typical) for one in added)])
+
+    @property
+    def never_negative(self) -> frozenset[str]:
+        """Names of parameters that nature has with one sign only."""
+        return frozenset(
+            one.name for each in self.placed for one in each.parameters if one.argument in each.effect.never_negative
+        )
+
+    def response(self, values: FloatArray) -> ComplexArray:
+        """S of every run [V s2/m]."""
+        runs, at = self.data.shaken, 1
+        own = []
+        for each in self.placed:
+            count = len(each.parameters)
+            own.append(dict(zip(each.effect.parameters, values[at : at + count], strict=True)))
+            at += count
+        force = self._added("shaken_force_m_s2", runs, own)
+        output = self._added("shaken_output_v", replace(runs, signal=values[0] * force), own)
+        return fundamental(runs, output)
+
+    def _added(self, point: str, runs: ShakenRuns, own: Sequence[Mapping[str, float]]) -> FloatArray:
+        for each, sizes in zip(self.placed, own, strict=True):
+            if each.effect.on == point:
+                arguments = {name: np.asarray(size) for name, size in sizes.items()}
+                runs = replace(runs, signal=runs.signal + each.effect(runs, **arguments))
+        return runs.signal
+
+    def predict(self, values: FloatArray) -> FloatArray:
+        """In-phase and quadrature parts, shape (n,)."""
+        found = self.response(np.asarray(values, dtype=np.float64))
+        return np.stack([found.real, found.imag], axis=1).ravel()
+
+    def jacobian(self, values: FloatArray, first: int = 0) -> FloatArray:
+        """d predict / d values by differences, shape (n, m), from parameter number `first` on."""
+        values = np.asarray(values, dtype=np.float64)
+        moves = np.diag(self._steps)[first:]
+        columns = [(self.predict(values + move) - self.predict(values - move)) / (2.0 * move.sum()) for move in moves]
+        return np.stack(columns, axis=1)

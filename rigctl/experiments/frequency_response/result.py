@@ -1,0 +1,222 @@
+"""Sensitivity by frequency with its uncertainty budget, linearity over the amplitude, and the two directions."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigctl.analysis.budget import Budget, Contribution, budget
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.frequency_response.model import Bench, Recorded
+from rigctl.experiments.frequency_response.observables import Sensitivity
+
+OUTPUTS = ("magnitude", "phase_deg")
+UNITS = ("V s2/m", "deg")
+SCATTER_P = 0.01
+"""Runs of a frequency that scatter more than their noise at this level are weighed by their scatter."""
+
+OWN = ("noise of the magnitude", "noise of the phase")
+"""Contributions of a frequency alone; all others are common to all frequencies."""
+
+
+@dataclass(frozen=True)
+class AtFrequency:
+    """The sensitivity at one frequency: mean over its runs, with the budget of magnitude and phase."""
+
+    frequency_hz: float
+    runs: int
+    value: complex
+    budget: Budget
+    scattered: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """Value, standard and expanded uncertainty of magnitude and phase; each contribution's part."""
+        found = self.budget
+        rows = zip(OUTPUTS, UNITS, found.values, found.standard_uncertainty, found.coverage_factor, strict=True)
+        shown = {
+            name: {"value": float(value), "u": float(u), "k": float(k), "U": float(k * u), "unit": unit}
+            for name, unit, value, u, k in rows
+        }
+        parts = {
+            each.name: {name: float(abs(found.components[row, i])) for row, name in enumerate(OUTPUTS)}
+            for i, each in enumerate(found.contributions)
+        }
+        told = {"runs": self.runs, "scatter_beyond_noise": self.scattered, "budget": parts}
+        return {"frequency_hz": self.frequency_hz, **shown, **told}
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One run: its magnitude over that of its frequency at small amplitude, less 1, and its sigma."""
+
+    run_id: str
+    frequency_hz: float
+    direction: int
+    acceleration_m_s2: float
+    deviation: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Linearity:
+    """|S| = |S0| (1 + kappa A^2), S0 free for every frequency; no kappa where no frequency has two amplitudes."""
+
+    kappa_s4_m2: float | None
+    sigma: float
+    deviations: tuple[Deviation, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The coefficient, and the largest deviation with that of its sigma."""
+        if self.kappa_s4_m2 is None:
+            return {"kappa": None}
+        largest = max(self.deviations, key=lambda each: abs(each.deviation))
+        reach = max(each.acceleration_m_s2 for each in self.deviations)
+        return {
+            "kappa": {"value": self.kappa_s4_m2, "sigma": self.sigma, "unit": "s4/m2"},
+            "largest_deviation": {"value": largest.deviation, "sigma": largest.sigma, "run_id": largest.run_id},
+            "acceleration_max_m_s2": reach,
+        }
+
+
+@dataclass(frozen=True)
+class ResponseResult:
+    """What the runs amount to; `covariance` by output over all frequencies, in order."""
+
+    frequencies: tuple[AtFrequency, ...]
+    covariance: Mapping[str, FloatArray]
+    linearity: Linearity
+    asymmetry: tuple[float, float] | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl result --json`."""
+        both = None if self.asymmetry is None else dict(zip(("value", "sigma"), self.asymmetry, strict=True))
+        return {
+            "sensitivity": [each.as_json() for each in self.frequencies],
+            "covariance": {name: matrix.tolist() for name, matrix in self.covariance.items()},
+            "linearity": self.linearity.as_json(),
+            "direction_asymmetry": both,
+        }
+
+
+def response_result(data: Recorded) -> ResponseResult:
+    """Everything that follows from the runs alone, whatever the model."""
+    groups = _by_frequency(data.runs)
+    rows = tuple(_at_frequency(frequency_hz, runs, data.bench) for frequency_hz, runs in groups.items())
+    covariance = {name: _covariance(rows, row) for row, name in enumerate(OUTPUTS)}
+    return ResponseResult(rows, covariance, linearity(groups), asymmetry(groups))
+
+
+def _by_frequency(runs: Sequence[Sensitivity]) -> dict[float, list[Sensitivity]]:
+    groups: dict[float, list[Sensitivity]] = {}
+    for run in sorted(runs, key=lambda each: each.number("frequency_hz")):
+        groups.setdefault(run.number("frequency_hz"), []).append(run)
+    return groups
+
+
+def weighted_mean(runs: Sequence[Sensitivity]) -> tuple[complex, float, float]:
+    """The mean by the runs' noise, the standard uncertainty of each of its parts, and chi-squared about it."""
+    weight = np.array([run.sigma**-2.0 for run in runs])
+    value = np.array([run.value for run in runs])
+    mean = complex(weight @ value / weight.sum())
+    return mean, float(weight.sum() ** -0.5), float(weight @ np.abs(value - mean) ** 2)
+
+
+def _at_frequency(frequency_hz: float, runs: Sequence[Sensitivity], bench: Bench) -> AtFrequency:
+    from scipy.special import chdtrc  # 0.1 s, which a printed status does not need
+
+    mean, sigma, chi2 = weighted_mean(runs)
+    # Two parts each, less those of the mean.
+    dof = 2 * (len(runs) - 1)
+    scattered = bool(dof and chdtrc(dof, chi2) < SCATTER_P)
+    behind = float(dof) if scattered else sum(run.dof for run in runs)
+    if scattered:
+        sigma *= math.sqrt(chi2 / dof)
+    size, phase_deg = abs(mean), math.degrees(cmath.phase(mean))
+    contributions = [
+        Contribution(OWN[0], size, sigma, "V s2/m", "A", dof=behind, source="samples"),
+        Contribution(OWN[1], phase_deg, math.degrees(sigma / size), "deg", "A", dof=behind, source="samples"),
+        Contribution("reference", 0.0, bench.reference_u, "1", source="certificates of the laser heads: scale, tilt"),
+        Contribution("voltmeter", 0.0, bench.gain_u, "1", source="certificate of the readout: scale"),
+        Contribution("clock", 0.0, bench.frequency_u, "1", source="certificate of the readout: clock"),
+        Contribution("guide", 0.0, bench.pitch_u_rad_m, "rad/m", source="certificate of the stage: pitch_rad_per_m"),
+        Contribution("delay", 0.0, bench.delay_u_s, "s", source="certificates: latency_s"),
+    ]
+
+    per_pitch = bench.g_m_s2 / (2.0 * math.pi * frequency_hz) ** 2
+
+    def measured(given: Mapping[str, float]) -> FloatArray:
+        # S = V / (w^2 X): what is off in the clock counts twice; gravity enters where the guide pitches.
+        scale = (1.0 + given["voltmeter"] + per_pitch * given["guide"]) / (
+            (1.0 + given["reference"]) * (1.0 + given["clock"]) ** 2
+        )
+        return np.array([given[OWN[0]] * scale, given[OWN[1]] + 360.0 * frequency_hz * given["delay"]])
+
+    return AtFrequency(frequency_hz, len(runs), mean, budget(measured, contributions, OUTPUTS), scattered)
+
+
+def _covariance(rows: Sequence[AtFrequency], output: int) -> FloatArray:
+    """Of one output between frequencies: what is common to all is fully correlated."""
+    names = [each.name for each in rows[0].budget.contributions]
+    components = np.array([row.budget.components[output] for row in rows])
+    own = np.isin(names, OWN)
+    common = components[:, ~own]
+    return np.asarray(common @ common.T + np.diag((components[:, own] ** 2).sum(axis=1)))
+
+
+def linearity(groups: Mapping[float, Sequence[Sensitivity]]) -> Linearity:
+    """The coefficient of A^2 common to all frequencies, by weighted least squares."""
+    columns, sizes, sigmas, runs = [], [], [], []
+    swept = {f: each for f, each in groups.items() if _amplitudes(each) > 1}
+    for place, each in enumerate(swept.values()):
+        mean = weighted_mean(each)[0]
+        for run in each:
+            columns.append([*(float(place == other) for other in range(len(swept))), run.acceleration_m_s2**2])
+            # Along the mean: a phase that scatters does not lengthen it.
+            sizes.append((run.value * mean.conjugate()).real / abs(mean) ** 2)
+            sigmas.append(run.sigma / abs(mean))
+            runs.append(run)
+    if not runs:
+        return Linearity(None, math.nan, ())
+    weight = 1.0 / np.array(sigmas)
+    design, value = np.array(columns) * weight[:, None], np.array(sizes) * weight
+    inverse = np.linalg.inv(design.T @ design)
+    found = inverse @ (design.T @ value)
+    at_rest = np.array(columns)[:, :-1] @ found[:-1]
+    deviations = tuple(
+        Deviation(
+            run.run_id,
+            run.number("frequency_hz"),
+            run.direction,
+            run.acceleration_m_s2,
+            size / rest - 1.0,
+            sigma / rest,
+        )
+        for run, size, rest, sigma in zip(runs, sizes, at_rest.tolist(), sigmas, strict=True)
+    )
+    return Linearity(float(found[-1]), float(math.sqrt(inverse[-1, -1])), deviations)
+
+
+def _amplitudes(runs: Sequence[Sensitivity]) -> int:
+    return len({run.number("amplitude_mm") for run in runs})
+
+
+def asymmetry(groups: Mapping[float, Sequence[Sensitivity]]) -> tuple[float, float] | None:
+    """Half the relative difference of |S| forward and reversed over all frequencies; None where one is missing."""
+    values, variances = [], []
+    for runs in groups.values():
+        by_direction = [[run for run in runs if run.direction == sign] for sign in (1, -1)]
+        if not all(by_direction):
+            continue
+        (forward, forward_u, _), (back, back_u, _) = (weighted_mean(each) for each in by_direction)
+        total = abs(forward + back)
+        values.append((abs(forward) - abs(back)) / total)
+        variances.append((forward_u**2 + back_u**2) / total**2)
+    if not values:
+        return None
+    weight = 1.0 / np.array(variances)
+    return float(weight @ np.array(values) / weight.sum()), float(weight.sum() ** -0.5)

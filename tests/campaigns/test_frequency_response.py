@@ -1,0 +1,176 @@
+"""The frequency response over the wire: what comes out beside what nature was told, and what the workbench names."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl import runner
+from rigctl.campaign.store.store import Store
+from rigctl.composition import workbench_of
+from rigctl.core.errors import ConfigError, LimitError
+from rigctl.experiments.analysis import analysis_of
+from rigctl.files.campaign_file import parse_campaign
+from rigctl.files.rig_file import parse_rig
+
+F0_HZ, Q, GAIN = 42.0, 0.8, 1.25
+SHORT = {
+    "frequencies_hz = [0.5, 0.8, 1.25, 2.0, 3.15, 5.0, 8.0, 12.5, 20.0]": "frequencies_hz = [1.25, 3.15, 8.0, 20.0]",
+    "accelerations_m_s2 = [0.2, 1.0, 4.0]": "accelerations_m_s2 = [0.5, 1.0]",
+    "dwell_s = 20.0": "dwell_s = 10.0",
+}
+FLAT = {"frequency_hz = 42.0\n": "frequency_hz = 0.0\n"}
+
+Made = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """The shipped campaign, shortened, on its rig with another nature; each nature once."""
+    known: dict[str, Path] = {}
+
+    def run(nature: dict[str, str] | None = None) -> Path:
+        if (name := repr(nature)) not in known:
+            campaign, rig = files(SHORT, nature or {})
+            store = tmp_path_factory.mktemp("response") / "x.rig.sqlite"
+            runner.start(parse_campaign(campaign, Path("c.toml")), parse_rig(rig, Path("r.toml")), store, UNATTENDED)
+            known[name] = store
+        return known[name]
+
+    return run
+
+
+UNATTENDED = runner.Options(unattended=True)
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+
+
+def files(of_campaign: dict[str, str], of_rig: dict[str, str]) -> tuple[str, str]:
+    """Both files, with something in them replaced."""
+    texts = []
+    for name, changes in (("frequency-response", of_campaign), ("frequency-response-rig", of_rig)):
+        text = (CAMPAIGNS / f"{name}.toml").read_text()
+        for old, new in changes.items():
+            assert old in text, old
+            text = text.replace(old, new)
+        texts.append(text)
+    return texts[0], texts[1]
+
+
+def result_of(path: Path) -> dict[str, Any]:
+    with Store.open(path) as store:
+        return analysis_of("frequency-response").result(workbench_of(store))
+
+
+def diagnosis_of(path: Path) -> dict[str, Any]:
+    with Store.open(path) as store:
+        return workbench_of(store).diagnose().as_json()
+
+
+def transfer(frequency_hz: float) -> complex:
+    """Of the spring of the shipped nature, with its gain."""
+    r = frequency_hz / F0_HZ
+    return GAIN / (1.0 - r * r + 1j * r / Q)
+
+
+def test_the_sensitivity_is_natures_within_its_noise(made: Made) -> None:
+    found = result_of(made())["sensitivity"]
+    assert [each["frequency_hz"] for each in found] == [1.25, 3.15, 8.0, 20.0]
+    pulls = []
+    for each in found:
+        truth, noise = transfer(each["frequency_hz"]), each["budget"]
+        pulls.append((each["magnitude"]["value"] - abs(truth)) / noise["noise of the magnitude"]["magnitude"])
+        off_deg = each["phase_deg"]["value"] - math.degrees(cmath.phase(truth))
+        pulls.append(off_deg / noise["noise of the phase"]["phase_deg"])
+        assert each["runs"] == 4
+    # Eight pulls: 99.9 % of chi-squared with eight degrees of freedom.
+    assert np.sum(np.square(pulls)) < 26.1
+
+
+def test_the_budget_has_what_certificates_say(made: Made) -> None:
+    found = result_of(made())
+    at_8_hz = found["sensitivity"][2]
+    size = at_8_hz["magnitude"]["value"]
+    # Of each head scale and tan(5 deg) times 0.05 deg; the mean of two.
+    head = math.hypot(3e-4, math.tan(math.radians(5.0)) * math.radians(0.05))
+    assert at_8_hz["budget"]["reference"]["magnitude"] == pytest.approx(size * head / math.sqrt(2.0), rel=1e-3)
+    assert at_8_hz["budget"]["voltmeter"]["magnitude"] == pytest.approx(size * 3e-5, rel=1e-3)
+    assert at_8_hz["budget"]["clock"]["magnitude"] == pytest.approx(size * 2e-6, rel=1e-3)
+    # Accelerometer 1e-4 s; 5e-5 s of both heads, which are triggered together.
+    delay_s = math.hypot(1e-4, 5e-5)
+    assert at_8_hz["budget"]["delay"]["phase_deg"] == pytest.approx(360.0 * 8.0 * delay_s, rel=1e-3)
+    parts = [part["magnitude"] for part in at_8_hz["budget"].values()]
+    assert at_8_hz["magnitude"]["u"] == pytest.approx(math.hypot(*parts))
+    assert at_8_hz["magnitude"]["U"] == pytest.approx(at_8_hz["magnitude"]["k"] * at_8_hz["magnitude"]["u"])
+    covariance = np.array(found["covariance"]["magnitude"])
+    assert np.sqrt(covariance[2, 2]) == pytest.approx(at_8_hz["magnitude"]["u"])
+    # Nearly all of it is common to all frequencies.
+    assert covariance[2, 3] / np.sqrt(covariance[2, 2] * covariance[3, 3]) > 0.99
+
+
+def test_the_workbench_names_the_resonance_with_its_size(made: Made) -> None:
+    found = diagnosis_of(made())
+    assert (found["verdict"], found["suggested"]) == ("effect", ["resonance"])
+    told = found["joint_fit"]["parameters"]
+    w0 = 2.0 * math.pi * F0_HZ
+    for name, truth in (("inv_w0_squared", w0**-2.0), ("damping", 1.0 / (w0 * Q))):
+        assert abs(told[name]["value"] - truth) < 4.0 * told[name]["sigma"]
+
+
+def test_a_flat_response_is_adequate_and_linear(made: Made) -> None:
+    path = made(FLAT)
+    assert diagnosis_of(path)["verdict"] == "adequate"
+    found = result_of(path)
+    assert abs(found["linearity"]["kappa"]["value"]) < 4.0 * found["linearity"]["kappa"]["sigma"]
+    assert abs(found["direction_asymmetry"]["value"]) < 4.0 * found["direction_asymmetry"]["sigma"]
+
+
+def test_a_pole_is_named_a_lag_with_its_time_constant(made: Made) -> None:
+    found = diagnosis_of(made({"frequency_hz = 42.0\n": "lag_s = 0.003\n"}))
+    assert (found["verdict"], found["suggested"]) == ("effect", ["lag"])
+    tau = found["joint_fit"]["parameters"]["tau"]
+    assert abs(tau["value"] - 0.003) < 4.0 * tau["sigma"]
+
+
+def test_a_bent_response_shows_in_the_linearity_and_directions_that_differ_as_such(made: Made) -> None:
+    bent = "frequency_hz = 0.0\ncubic_s4_m2 = 4e-3\nasymmetry = 3e-4\n"
+    path = made({"frequency_hz = 42.0\n": bent})
+    found = result_of(path)
+    kappa, both = found["linearity"]["kappa"], found["direction_asymmetry"]
+    # The fundamental of a^3 is three quarters of it; the harmonic means of the directions leave second orders.
+    assert abs(kappa["value"] - 0.75 * 4e-3) < 4.0 * kappa["sigma"] + 1e-2 * kappa["value"]
+    assert abs(both["value"] - 3e-4) < 4.0 * both["sigma"] + 1e-3 * 3e-4
+    assert set(diagnosis_of(path)["suggested"]) == {"cubic", "direction-asymmetry"}
+
+
+def test_a_bundle_of_it_gives_the_same_numbers(made: Made, desk: Any, tmp_path: Path) -> None:
+    path = made()
+    for arguments in (("export", path, "bundle"), ("import", "bundle", "--store", "again.rig.sqlite")):
+        assert desk.rigctl(*arguments).status == 0
+    here, there = result_of(path), result_of(tmp_path / "again.rig.sqlite")
+    for one, other in zip(here["sensitivity"], there["sensitivity"], strict=True):
+        assert one["magnitude"]["value"] == pytest.approx(other["magnitude"]["value"], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("of_campaign", "of_rig", "said"),
+    [
+        ({"amplitude_max_mm = 20.0": "amplitude_max_mm = 30.0"}, {}, "stage: 30 mm at 1.25 Hz exceeds its travel"),
+        ({"sample_rate_hz = 200.0": "sample_rate_hz = 100.0"}, {}, "sample_rate_hz: 100 Hz is too slow for 20 Hz"),
+        ({"accelerations_m_s2 = [0.2, 1.0, 4.0]\n": ""}, {}, "say what to sweep"),
+        ({}, {"timing_pulse_s = 2.2e-3": "timing_pulse_s = 4e-3"}, "lower the rate"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_the_mend(
+    of_campaign: dict[str, str], of_rig: dict[str, str], said: str
+) -> None:
+    campaign, rig = files(of_campaign, of_rig)
+    with pytest.raises((ConfigError, LimitError)) as error:
+        runner.dry_run(parse_campaign(campaign, Path("c.toml")), parse_rig(rig, Path("r.toml")))
+    assert said in str(error.value)
+    assert len(str(error.value).splitlines()) == 1

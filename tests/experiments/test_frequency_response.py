@@ -1,0 +1,110 @@
+"""A run's complex sensitivity against samples that are made here, and how well its sigma tells its error."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.recording import ChannelInfo
+from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
+from rigctl.experiments.frequency_response.chain import trial_run
+from rigctl.experiments.frequency_response.observables import Sensitivity, fitted_run, sensitivities
+
+RATE_HZ, LENGTH_S, S = 200.0, 12.0, 1.3 * np.exp(-0.4j)
+NOISE_V, NOISE_MM = 2e-3, 2e-4
+CASES = [(0.5, 5.0, 1), (2.03, 2.0, -1), (7.0, 0.3, 1), (19.0, 0.05, -1)]
+"""Frequency, amplitude in mm, direction."""
+
+
+def samples(
+    frequency_hz: float, amplitude_mm: float, direction: int, rng: np.random.Generator, late_s: float = 0.0
+) -> dict[str, FloatArray]:
+    """A run of three channels: stage and head see a sine, the output is S times its second derivative."""
+    t = np.arange(round(RATE_HZ * LENGTH_S)) / RATE_HZ
+    w, phase = 2.0 * math.pi * frequency_hz, rng.uniform(0.0, 6.0)
+    turn = np.exp(1j * (w * t + phase))
+    acceleration = -(w**2) * 1e-3 * amplitude_mm * turn * np.exp(-1j * w * late_s)
+    output = direction * (S * acceleration).real + 0.3 + 0.001 * t
+    return {
+        "t_s": t,
+        "stage_x_mm": amplitude_mm * turn.real + 1.0,
+        "laser_1_mm": amplitude_mm * turn.real - 2.0 + NOISE_MM * rng.standard_normal(t.size),
+        "laser_2_mm": amplitude_mm * turn.real + 3.0 + NOISE_MM * rng.standard_normal(t.size),
+        "accel_v": output + NOISE_V * rng.standard_normal(t.size),
+    }
+
+
+def reduced(seed: int) -> list[Sensitivity]:
+    rng = np.random.default_rng([16063, seed])
+    runs = []
+    for number, (frequency_hz, amplitude_mm, direction) in enumerate(CASES):
+        given = {"direction": direction, "frequency_hz": frequency_hz, "mounting": 1, "amplitude_mm": amplitude_mm}
+        made = samples(frequency_hz, amplitude_mm, direction, rng)
+        runs.append(fitted_run(str(number), given, made, {}, {}))
+    return sensitivities(runs)
+
+
+def test_pulls_of_both_parts_are_standard_normal() -> None:
+    pulls = np.array([[(run.value - S) / run.sigma for run in reduced(seed)] for seed in range(40)])
+    parts = np.concatenate([pulls.real, pulls.imag])
+    for column in range(len(CASES)):
+        values = parts[:, column]
+        # 80 numbers: standard errors of mean and rms, and 3.5 of them.
+        assert abs(values.mean()) < 3.5 / math.sqrt(len(values))
+        assert abs(np.sqrt(np.mean(values**2)) - 1.0) < 3.5 / math.sqrt(2.0 * len(values))
+
+
+def test_what_a_channel_is_late_is_taken_out_as_far_as_it_is_said() -> None:
+    late_s, (frequency_hz, amplitude_mm, direction) = 2e-3, CASES[2]
+    given = {"direction": direction, "frequency_hz": frequency_hz}
+    made = samples(frequency_hz, amplitude_mm, direction, np.random.default_rng(1), late_s)
+    # A reading that is made late shows what was later: its phase runs ahead.
+    known = {"accel_v": ChannelInfo(latency_s=-late_s)}
+    (corrected,) = sensitivities([fitted_run("1", given, made, known, {})])
+    (left,) = sensitivities([fitted_run("1", given, made, {}, {})])
+    assert abs(corrected.value - S) < 5.0 * corrected.sigma
+    turned = S * np.exp(-2j * math.pi * frequency_hz * late_s)
+    assert abs(left.value - turned) < 5.0 * left.sigma
+
+
+def test_a_tilted_beam_reads_more_than_the_motion() -> None:
+    frequency_hz, amplitude_mm, direction = CASES[1]
+    given = {"direction": direction, "frequency_hz": frequency_hz}
+    made = samples(frequency_hz, amplitude_mm, direction, np.random.default_rng(2))
+    tilt = math.radians(5.0)
+    longer = {name: made[name] / math.cos(tilt) for name in ("laser_1_mm", "laser_2_mm")}
+    tilts = dict.fromkeys(longer, tilt)
+    (run,) = sensitivities([fitted_run("1", given, {**made, **longer}, {}, tilts)])
+    assert abs(run.value - S) < 5.0 * run.sigma
+
+
+def test_lasers_on_their_own_clock_give_the_size_and_the_encoder_the_phase() -> None:
+    frequency_hz, amplitude_mm, direction = CASES[1]
+    given = {"direction": direction, "frequency_hz": frequency_hz}
+    made = samples(frequency_hz, amplitude_mm, direction, np.random.default_rng(3))
+    del made["laser_2_mm"]
+    own = {"laser_1_mm.t_s": made["t_s"] + 3e-3}
+    channels = {"laser_1_mm": ChannelInfo(clock="own", clock_u_s=0.01)}
+    (run,) = sensitivities([fitted_run("1", given, {**made, **own}, channels, {})])
+    assert run.own_clock
+    assert abs(run.value - S) < 5.0 * run.sigma
+
+
+def test_a_run_without_a_laser_has_no_reference() -> None:
+    made = samples(*CASES[0], np.random.default_rng(4))
+    without = {name: column for name, column in made.items() if not name.startswith("laser")}
+    with pytest.raises(DataError, match="no laser head"):
+        fitted_run("1", {"direction": 1, "frequency_hz": CASES[0][0]}, without, {}, {})
+
+
+def test_a_filter_is_its_response_at_the_drives_frequency() -> None:
+    run = trial_run("shaken_output_v")
+    tau = 0.01
+    passed = run.through(lambda s: 1.0 / (1.0 + s * tau))
+    w = run.omega
+    # A cosine through a pole: its in-phase part over 1 + (w tau)^2, and w tau of it a quarter later.
+    expected = (run.signal + w * tau * np.roll(run.signal, 8, axis=1)) / (1.0 + (w * tau) ** 2)
+    np.testing.assert_allclose(passed, expected, rtol=0.0, atol=1e-12 * np.abs(run.signal).max())
