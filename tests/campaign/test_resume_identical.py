@@ -79,6 +79,12 @@ KINDS = {
         f"[[procedure.runs]]\npattern = 'a'\n{TURNED}external = 'sine'\nv_z_v = 0.5\nexternal_period_s = 100.0\n",
         "",
     ),
+    "frequency response": (
+        "frequency-response-rig.toml",
+        'experiment = "frequency-response"\nrig = "rig.toml"\n[procedure]\nfrequencies_hz = [2.0, 8.0]\n'
+        "accelerations_m_s2 = [0.5]\ndwell_s = 2.0\n",
+        "",
+    ),
     "in flight": (
         "microscope-rig.toml",
         'experiment = "inflight-calibration"\nrig = "rig.toml"\n[procedure]\nsessions = ["dx", "dz"]\norbits = 1.0\n',
@@ -149,7 +155,9 @@ class Bench:
         directory.mkdir()
         rig, campaign, further = KINDS[kind]
         self.store, self.further = directory / "x", further
-        world = (CAMPAIGNS / rig).read_text() + f"\n[world.effects]\n{REMEMBERING.get(rig, '')}"
+        world = (CAMPAIGNS / rig).read_text()
+        if rig in REMEMBERING:
+            world += f"\n[world.effects]\n{REMEMBERING[rig]}"
         for name, text in (("rig", world), ("campaign", campaign), ("further", further)):
             (directory / f"{name}.toml").write_text(text)
         self.directory = directory

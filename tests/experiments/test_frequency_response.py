@@ -93,6 +93,18 @@ def test_lasers_on_their_own_clock_give_the_size_and_the_encoder_the_phase() -> 
     assert abs(run.value - S) < 5.0 * run.sigma
 
 
+@pytest.mark.parametrize("clock_u_s", [0.01, 0.2])
+def test_a_head_on_the_other_side_reads_the_other_way(clock_u_s: float) -> None:
+    frequency_hz, amplitude_mm, direction = CASES[1]
+    given = {"direction": direction, "frequency_hz": frequency_hz}
+    made = samples(frequency_hz, amplitude_mm, direction, np.random.default_rng(5))
+    made["laser_1_mm"] = -made["laser_1_mm"]
+    own = {"laser_2_mm.t_s": made["t_s"] + 2e-3}
+    channels = {"laser_2_mm": ChannelInfo(clock="own", clock_u_s=clock_u_s)}
+    (run,) = sensitivities([fitted_run("1", given, {**made, **own}, channels, {})])
+    assert abs(run.value - S) < 5.0 * run.sigma
+
+
 def test_a_run_without_a_laser_has_no_reference() -> None:
     made = samples(*CASES[0], np.random.default_rng(4))
     without = {name: column for name, column in made.items() if not name.startswith("laser")}

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from rigctl.analysis.clock_fit import ClockFit, fit_on_own_clock
+from rigctl.analysis.clock_fit import ClockFit, fit_on_own_clock, sign_is_known
 from rigctl.analysis.frequency import find_frequency
 from rigctl.analysis.noise import NoisePool, Spectrum, spectrum
 from rigctl.analysis.resolution import amplitude_floor
@@ -113,11 +113,13 @@ def fitted_run(
     for name in filter(is_head, samples):
         reading_m = _MM * math.cos(tilts_rad.get(name, 0.0)) * samples[name]
         if (own_s := samples.get(time_column(name))) is None:
-            heads[name] = _line(t_s, reading_m, basis.frequency_hz, reference, late.turn(name))
+            heads[name] = _along(_line(t_s, reading_m, basis.frequency_hz, reference, late.turn(name)))
         else:
             info = channels.get(name)
-            clock_u_s = info.clock_u_s if info else None
-            heads[name] = _own_clock_line(own_s, reading_m, basis.frequency_hz, reference, clock_u_s)
+            known_s = info.clock_u_s if info else None
+            # Beyond a quarter of a period nothing is known of the phase: the size is all that is asked for.
+            clock_u_s = known_s if sign_is_known(basis.frequency_hz, known_s) else None
+            heads[name] = _along(_own_clock_line(own_s, reading_m, basis.frequency_hz, reference, clock_u_s))
     if not heads:
         raise DataError("no laser head was recorded; the displacement has no reference")
     return FittedRun(run_id, dict(conditions), basis.frequency_hz, basis.duration_s, output, heads)
@@ -148,6 +150,11 @@ def _line(t_s: FloatArray, column: FloatArray, frequency_hz: float, reference: c
     fit = basis.fit(column[seen])
     value = complex(fit.amplitudes_referred_to(reference)[0]) * turn
     return _made(basis, fit, column[seen], value)
+
+
+def _along(line: Line) -> Line:
+    """A head's amplitude along the encoder's positive travel, from whichever side it looks."""
+    return line if line.value.real > 0.0 else replace(line, value=-line.value)
 
 
 def _own_clock_line(
