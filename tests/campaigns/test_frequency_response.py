@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ SHORT = {
     "accelerations_m_s2 = [0.2, 1.0, 4.0]": "accelerations_m_s2 = [0.5, 1.0]",
     "dwell_s = 20.0": "dwell_s = 10.0",
 }
+LATE = {"frequency_hz = 42.0\n": "late_s = 0.0003\n"}
 FLAT = {"frequency_hz = 42.0\n": "frequency_hz = 0.0\n"}
 
 Made = Callable[..., Path]
@@ -155,6 +157,38 @@ def test_a_bundle_of_it_gives_the_same_numbers(made: Made, desk: Any, tmp_path: 
     here, there = result_of(path), result_of(tmp_path / "again.rig.sqlite")
     for one, other in zip(here["sensitivity"], there["sensitivity"], strict=True):
         assert one["magnitude"]["value"] == pytest.approx(other["magnitude"]["value"], rel=1e-12)
+
+
+def test_heads_on_their_own_clock_give_the_same(made: Made) -> None:
+    own = {"keyence-lkg5000": "keyence-lkg3001", "timing_pulse_s = 2.2e-3": "# no pulses: "}
+    found = result_of(made(own))["sensitivity"]
+    assert [each["runs"] for each in found] == [4] * 4
+    for each in found:
+        off = each["magnitude"]["value"] - abs(transfer(each["frequency_hz"]))
+        assert abs(off) < 4.0 * each["budget"]["noise of the magnitude"]["magnitude"]
+
+
+def test_what_to_measure_next_is_what_the_rig_can_do(made: Made, desk: Any) -> None:
+    path = made(LATE)
+    (desk.directory / "frequency-response-rig.toml").write_text(files({}, LATE)[1])
+    found = desk.rigctl("next", path, "--json", "--write", "next.toml")
+    assert found.status == 0, found.err
+    written = tomllib.loads((desk.directory / "next.toml").read_text())["procedure"]
+    assert written["mounting"] == "kept"
+    assert {run["direction"] for run in written["runs"]} <= {"forward", "reversed"}
+    # A record has at least eight samples a period.
+    assert all(run["frequency_hz"] <= 25.0 for run in written["runs"])
+
+
+@pytest.mark.parametrize("name", ["laser_1_mm", "stage_x_mm"])
+def test_a_column_in_metres_is_refused(made: Made, desk: Any, name: str) -> None:
+    assert desk.rigctl("export", made(), "bundle").status == 0
+    run = next((desk.directory / "bundle" / "runs").glob("*.csv"))
+    head, *rows = [line.split(",") for line in run.read_text().splitlines()]
+    place = head.index(name)
+    scaled = [[f"{1e-3 * float(v):.9f}" if i == place else v for i, v in enumerate(row)] for row in rows]
+    run.write_text("\n".join(",".join(row) for row in [head, *scaled]) + "\n")
+    desk.rigctl("import", "bundle", "--store", "y.rig.sqlite").refused(2, name, "write both in mm")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 
 from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.frequency_response.chain import ShakenRuns, fundamental, shaken
+from rigctl.experiments.frequency_response.chain import ShakenRuns, fundamental, periodic, shaken
 from rigctl.experiments.frequency_response.columns import ACCEL
 from rigctl.experiments.frequency_response.observables import Sensitivity
 from rigctl.workbench.placed import Placed, fit_parameter
@@ -105,7 +105,30 @@ class ResponseModel:
 
     def response(self, values: FloatArray) -> ComplexArray:
         """S of every run [V s2/m]."""
-        runs, at = self.data.shaken, 1
+        return self._response(self.data.shaken, values)
+
+    def curve(self, frequency_hz: FloatArray, values: FloatArray) -> ComplexArray:
+        """S at frequencies, the mean of both directions, at the recording's median amplitude and mean conditions."""
+        here, shape = self.data.shaken, (len(frequency_hz), 1)
+        known = {name: column[np.isfinite(column)] for name, column in here.columns.items()}
+        usual = {name: np.full(shape, column.mean() if column.size else np.nan) for name, column in known.items()}
+
+        def towards(direction: float) -> ComplexArray:
+            runs = periodic(
+                2.0 * np.pi * frequency_hz[:, None],
+                np.full(shape, np.median(here.acceleration)),
+                np.full(shape, direction),
+                np.full(shape, here.temperature_0),
+                np.full(shape, here.start_0),
+                here.g,
+                usual,
+            )
+            return self._response(runs, values)
+
+        return np.asarray(0.5 * (towards(1.0) + towards(-1.0)))
+
+    def _response(self, runs: ShakenRuns, values: FloatArray) -> ComplexArray:
+        at = 1
         own = []
         for each in self.placed:
             count = len(each.parameters)

@@ -15,11 +15,12 @@ from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import columns_of
 from rigctl.experiments.frequency_response.columns import ACCEL, STAGE, is_head
+from rigctl.experiments.frequency_response.imagined import imagined, options
 from rigctl.experiments.frequency_response.model import Bench, Recorded, ResponseModel, recorded
 from rigctl.experiments.frequency_response.observables import reduction
 from rigctl.files.rig_file import parse_rig
 from rigctl.workbench.placed import Placed, placed
-from rigctl.workbench.study import Candidate, Model, Term
+from rigctl.workbench.study import Candidate, Model, Proposal, Term
 from rigctl.workbench.study_base import CatalogueStudy, own_model, parameters_as_json
 
 
@@ -106,6 +107,14 @@ class ResponseStudy(CatalogueStudy[Recorded]):
             typical = np.array([each.typical for each in one.parameters])
             found.append([Candidate(one.term, names, units, derivative, typical)])
         return found
+
+    def options(self) -> list[Proposal]:
+        """Runs that could be made next; see `imagined.options`."""
+        return options(self.data.runs)
+
+    def extended(self, proposals: Sequence[Proposal]) -> ResponseStudy:
+        """This recording and runs that could be made next."""
+        return self.with_data(recorded([*self.data.runs, *imagined(proposals, self.data.runs)], self.data.bench))
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """The parameters of the model."""

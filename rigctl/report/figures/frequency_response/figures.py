@@ -9,68 +9,78 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.frequency_response.model import ResponseModel
-from rigctl.experiments.frequency_response.result import Deviation, ResponseResult
+from rigctl.experiments.frequency_response.result import AtFrequency, Deviation, ResponseResult
 from rigctl.report.figures.data import Plate
+
+CURVE_POINTS = 100
 
 
 @dataclass(frozen=True)
 class Response:
-    """One frequency: what was measured with its expanded uncertainty, and what the model says there."""
+    """One frequency: what was measured with its expanded uncertainty, or, without that, what the model says there."""
 
     frequency_hz: float
     magnitude_v_s2_m: float
-    magnitude_expanded: float
     phase_deg: float
-    phase_expanded_deg: float
-    model_magnitude_v_s2_m: float
-    model_phase_deg: float
+    magnitude_expanded: float | None = None
+    phase_expanded_deg: float | None = None
 
 
 def response_plate(found: ResponseResult, model: ResponseModel, values: FloatArray) -> Plate[Response]:
-    """Magnitude and phase with bars of expanded uncertainty, and the model of the current version."""
-    asked = np.array([run.number("frequency_hz") for run in model.data.runs])
-    predicted = model.response(values)
-    rows = []
-    for each in found.frequencies:
-        modelled = complex(predicted[asked == each.frequency_hz].mean())
-        (size, phase_deg), (size_u, phase_u) = each.budget.values, each.budget.expanded
-        model_deg = math.degrees(cmath.phase(modelled))
-        rows.append(Response(each.frequency_hz, size, size_u, phase_deg, phase_u, abs(modelled), model_deg))
+    """Magnitude and phase with bars of expanded uncertainty, and the model of the current version as a line."""
+    rows = [_measured(each) for each in found.frequencies]
+    places = np.geomspace(rows[0].frequency_hz, rows[-1].frequency_hz, CURVE_POINTS)
+    for frequency_hz, modelled in zip(places.tolist(), model.curve(places, values).tolist(), strict=True):
+        rows.append(Response(frequency_hz, abs(modelled), math.degrees(cmath.phase(modelled))))
     caption = "Complex sensitivity: magnitude and phase, bars are expanded uncertainties (95 %); line: the model."
     return Plate("frequency_response", caption, rows, _drawn_response)
+
+
+def _measured(each: AtFrequency) -> Response:
+    (size, phase_deg), (size_u, phase_u) = each.budget.values.tolist(), each.budget.expanded.tolist()
+    return Response(each.frequency_hz, size, phase_deg, size_u, phase_u)
 
 
 def _drawn_response(rows: Sequence[Response]) -> Figure:
     figure = Figure(figsize=(6.0, 5.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
-    f = [row.frequency_hz for row in rows]
-    bars = {"fmt": "o", "markersize": 3, "capsize": 2, "label": "measured"}
-    upper.errorbar(f, [r.magnitude_v_s2_m for r in rows], [r.magnitude_expanded for r in rows], **bars)
-    upper.plot(f, [r.model_magnitude_v_s2_m for r in rows], linewidth=0.8, label="model")
+    points = [row for row in rows if row.magnitude_expanded is not None]
+    line = [row for row in rows if row.magnitude_expanded is None]
+    names = ("magnitude_v_s2_m", "magnitude_expanded"), ("phase_deg", "phase_expanded_deg")
+    for axes, (value, expanded) in zip((upper, lower), names, strict=True):
+        x, y, bar = ([getattr(row, name) for row in points] for name in ("frequency_hz", value, expanded))
+        axes.errorbar(x, y, bar, fmt="o", markersize=3, capsize=2, label="measured")
+        axes.plot([row.frequency_hz for row in line], [getattr(row, value) for row in line], label="model")
     upper.set(ylabel="|S| [V/(m/s²)]", xscale="log")
-    lower.errorbar(f, [r.phase_deg for r in rows], [r.phase_expanded_deg for r in rows], **bars)
-    lower.plot(f, [r.model_phase_deg for r in rows], linewidth=0.8, label="model")
     lower.set(ylabel="phase [deg]", xlabel="frequency [Hz]")
+    lower.xaxis.set_major_formatter("{x:g}")
     upper.legend()
     return figure
 
 
 def linearity_plate(deviations: Sequence[Deviation]) -> Plate[Deviation]:
     """How the magnitude of each run differs from that of its frequency at small amplitude."""
-    caption = "Linearity: magnitude of each run over that at small amplitude, less 1; bars are one sigma."
+    caption = (
+        "Linearity: magnitude of each run over that at small amplitude, less 1; bars are one sigma. "
+        "Frequencies are drawn side by side."
+    )
     return Plate("linearity", caption, sorted(deviations, key=lambda d: d.frequency_hz), _drawn_linearity)
 
 
 def _drawn_linearity(rows: Sequence[Deviation]) -> Figure:
     figure = Figure(figsize=(6.0, 3.5), layout="constrained")
     axes = figure.subplots()
-    for frequency_hz in dict.fromkeys(row.frequency_hz for row in rows):
+    frequencies = list(dict.fromkeys(row.frequency_hz for row in rows))
+    for place, frequency_hz in enumerate(frequencies):
+        # Side by side: frequencies have amplitudes in common.
+        aside = 1.03 ** (place - 0.5 * (len(frequencies) - 1))
         own = sorted((r for r in rows if r.frequency_hz == frequency_hz), key=lambda r: r.acceleration_m_s2)
         axes.errorbar(
-            [r.acceleration_m_s2 for r in own],
+            [aside * r.acceleration_m_s2 for r in own],
             [1e6 * r.deviation for r in own],
             [1e6 * r.sigma for r in own],
             fmt="o",
@@ -80,5 +90,7 @@ def _drawn_linearity(rows: Sequence[Deviation]) -> Figure:
         )
     axes.axhline(0.0, color="black", linewidth=0.5)
     axes.set(xlabel="amplitude of the acceleration [m/s²]", ylabel="deviation [1e-6]", xscale="log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend(fontsize="x-small", ncols=3)
     return figure
