@@ -7,11 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from rigctl.analysis.budget import budget, compare, monte_carlo
 from rigctl.campaign.recording import ChannelInfo
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.frequency_response.chain import trial_run
+from rigctl.experiments.frequency_response.model import Bench
 from rigctl.experiments.frequency_response.observables import Sensitivity, fitted_run, sensitivities
+from rigctl.experiments.frequency_response.result import OUTPUTS, measurement
 
 RATE_HZ, LENGTH_S, S = 200.0, 12.0, 1.3 * np.exp(-0.4j)
 NOISE_V, NOISE_MM = 2e-3, 2e-4
@@ -110,6 +113,15 @@ def test_a_run_without_a_laser_has_no_reference() -> None:
     without = {name: column for name, column in made.items() if not name.startswith("laser")}
     with pytest.raises(DataError, match="no laser head"):
         fitted_run("1", {"direction": 1, "frequency_hz": CASES[0][0]}, without, {}, {})
+
+
+def test_the_budget_agrees_with_monte_carlo() -> None:
+    bench = Bench(delay_u_s=2e-4, gain_u=3e-4, reference_u=5e-3, frequency_u=1e-3, pitch_u_rad_m=6e-5, g_m_s2=9.8)
+    measured, inputs = measurement(0.7, 1.3 * np.exp(-0.2j), 2e-3, 200.0, bench)
+    first_order = budget(measured, inputs, OUTPUTS)
+    drawn = monte_carlo(measured, inputs, OUTPUTS, draws=20_000, seed=1)
+    checked = compare(first_order, drawn)
+    assert all(checked.validated), checked.reason
 
 
 def test_a_filter_is_its_response_at_the_drives_frequency() -> None:

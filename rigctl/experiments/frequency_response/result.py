@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.analysis.budget import Budget, Contribution, budget
+from rigctl.analysis.budget import Budget, Contribution, Measurement, budget
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.frequency_response.model import Bench, Recorded
 from rigctl.experiments.frequency_response.observables import Sensitivity
@@ -136,17 +136,24 @@ def _at_frequency(frequency_hz: float, runs: Sequence[Sensitivity], bench: Bench
     behind = float(dof) if scattered else sum(run.dof for run in runs)
     if scattered:
         sigma *= math.sqrt(chi2 / dof)
+    measured, contributions = measurement(frequency_hz, mean, sigma, behind, bench)
+    return AtFrequency(frequency_hz, len(runs), mean, budget(measured, contributions, OUTPUTS), scattered)
+
+
+def measurement(
+    frequency_hz: float, mean: complex, sigma: float, dof: float, bench: Bench
+) -> tuple[Measurement, list[Contribution]]:
+    """Magnitude and phase as a function of all that is uncertain in them."""
     size, phase_deg = abs(mean), math.degrees(cmath.phase(mean))
     contributions = [
-        Contribution(OWN[0], size, sigma, "V s2/m", "A", dof=behind, source="samples"),
-        Contribution(OWN[1], phase_deg, math.degrees(sigma / size), "deg", "A", dof=behind, source="samples"),
+        Contribution(OWN[0], size, sigma, "V s2/m", "A", dof=dof, source="samples"),
+        Contribution(OWN[1], phase_deg, math.degrees(sigma / size), "deg", "A", dof=dof, source="samples"),
         Contribution("reference", 0.0, bench.reference_u, "1", source="certificates of the laser heads: scale, tilt"),
         Contribution("voltmeter", 0.0, bench.gain_u, "1", source="certificate of the readout: scale"),
         Contribution("clock", 0.0, bench.frequency_u, "1", source="certificate of the readout: clock"),
         Contribution("guide", 0.0, bench.pitch_u_rad_m, "rad/m", source="certificate of the stage: pitch_rad_per_m"),
         Contribution("delay", 0.0, bench.delay_u_s, "s", source="certificates: latency_s"),
     ]
-
     per_pitch = bench.g_m_s2 / (2.0 * math.pi * frequency_hz) ** 2
 
     def measured(given: Mapping[str, float]) -> FloatArray:
@@ -156,7 +163,7 @@ def _at_frequency(frequency_hz: float, runs: Sequence[Sensitivity], bench: Bench
         )
         return np.array([given[OWN[0]] * scale, given[OWN[1]] + 360.0 * frequency_hz * given["delay"]])
 
-    return AtFrequency(frequency_hz, len(runs), mean, budget(measured, contributions, OUTPUTS), scattered)
+    return measured, contributions
 
 
 def _covariance(rows: Sequence[AtFrequency], output: int) -> FloatArray:
