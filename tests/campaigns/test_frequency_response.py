@@ -139,6 +139,14 @@ def test_a_pole_is_named_a_lag_with_its_time_constant(made: Made) -> None:
     assert abs(tau["value"] - 0.003) < 4.0 * tau["sigma"]
 
 
+def test_recorders_that_differ_are_named_a_skew_beside_what_bends_the_response(made: Made) -> None:
+    found = diagnosis_of(made({"frequency_hz = 42.0\n": "late_s = 0.0003\ncubic_s4_m2 = 4e-3\n"}))
+    assert (found["verdict"], set(found["suggested"])) == ("effect", {"time-skew", "cubic"})
+    told = found["joint_fit"]["parameters"]
+    for name, truth in (("tau", 3e-4), ("K3", 4e-3)):
+        assert abs(told[name]["value"] - truth) < 4.0 * told[name]["sigma"]
+
+
 def test_a_bent_response_shows_in_the_linearity_and_directions_that_differ_as_such(made: Made) -> None:
     bent = "frequency_hz = 0.0\ncubic_s4_m2 = 4e-3\nasymmetry = 3e-4\n"
     path = made({"frequency_hz = 42.0\n": bent})

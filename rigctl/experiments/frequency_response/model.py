@@ -1,4 +1,7 @@
-"""Baseline and effects: a flat response, and what bends it."""
+"""Baseline and effects: a flat response, and what bends it.
+
+Data are ln |S| and the phase of S: what comes late is linear in them however late it is, and factors are sums.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,7 @@ BLOCKS = 5
 _STEP = 1e-3
 """Of a parameter's typical size, or of the gain, in differences: what is left is 1e-6 of the derivative."""
 
+PARTS = (("ln magnitude", "1"), ("phase", "rad"))
 _COVARIATES = ("direction", "mounting", "temperature_c", "start_s")
 
 
@@ -42,7 +46,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class Recorded:
-    """All runs as data, in-phase and quadrature parts of S after each other, and as effects see them."""
+    """All runs as data, magnitude and phase of S after each other, and as effects see them."""
 
     runs: tuple[Sensitivity, ...]
     bench: Bench
@@ -52,7 +56,7 @@ class Recorded:
 
 def recorded(runs: Sequence[Sensitivity], bench: Bench) -> Recorded:
     """The data of these runs."""
-    value = np.array([[run.value.real, run.value.imag] for run in runs]).ravel()
+    value = _parts(np.array([run.value for run in runs]))
     count = len(runs)
     part = np.tile(np.arange(2, dtype=np.intp), count)
     names = [name for name in _COVARIATES if any(name in run.conditions for run in runs)]
@@ -62,13 +66,10 @@ def recorded(runs: Sequence[Sensitivity], bench: Bench) -> Recorded:
     covariates["acceleration_m_s2"] = np.array([run.acceleration_m_s2 for run in runs])
     observations = Observations(
         run_ids=tuple(run.run_id for run in runs),
-        series=tuple(Series(ACCEL, f"sensitivity {part}", "V s2/m") for part in ("in-phase", "quadrature")),
-        pools=tuple(
-            NoisePool(f"{ACCEL} sensitivity {part}", float(np.mean([run.dof for run in runs])))
-            for part in ("in-phase", "quadrature")
-        ),
+        series=tuple(Series(ACCEL, name, unit) for name, unit in PARTS),
+        pools=tuple(NoisePool(f"{ACCEL} {name}", float(np.mean([run.dof for run in runs]))) for name, _ in PARTS),
         value=value,
-        sigma=np.repeat([run.sigma for run in runs], 2),
+        sigma=np.repeat([run.sigma / abs(run.value) for run in runs], 2),
         series_of=part,
         run_of=np.repeat(np.arange(count, dtype=np.intp), 2),
         pool_of=part,
@@ -81,6 +82,11 @@ def recorded(runs: Sequence[Sensitivity], bench: Bench) -> Recorded:
     return Recorded(tuple(runs), bench, observations, shaken(runs, bench.g_m_s2))
 
 
+def _parts(values: ComplexArray) -> FloatArray:
+    """ln |S| and the phase of each, one run after the other."""
+    return np.stack([np.log(np.abs(values)), np.angle(values)], axis=1).ravel()
+
+
 class ResponseModel:
     """A `rigctl.workbench.study.Model`: a flat response, S = gain, and effects."""
 
@@ -89,7 +95,7 @@ class ResponseModel:
         self.terms: tuple[Term, ...] = tuple(each.term for each in effects)
         self.observations = data.observations
         added = [one for each in effects for one in each.parameters]
-        gain = float(np.median([run.value.real for run in data.runs]))
+        gain = float(np.median(np.abs([run.value for run in data.runs])))
         self.parameters: Sequence[Parameter] = (Parameter("gain", gain), *map(fit_parameter, added))
         self.units: Sequence[str] = ("V s2/m", *(one.unit for one in added))
         self.owners: Sequence[str] = ("", *(each.effect.id for each in effects for _ in each.parameters))
@@ -146,9 +152,11 @@ class ResponseModel:
         return runs.signal
 
     def predict(self, values: FloatArray) -> FloatArray:
-        """In-phase and quadrature parts, shape (n,)."""
-        found = self.response(np.asarray(values, dtype=np.float64))
-        return np.stack([found.real, found.imag], axis=1).ravel()
+        """Logarithms of magnitudes, and phases within half a turn of those measured [rad]; shape (n,)."""
+        found = _parts(self.response(np.asarray(values, dtype=np.float64)))
+        measured = self.observations.value[1::2]
+        found[1::2] = measured + np.remainder(found[1::2] - measured + np.pi, 2.0 * np.pi) - np.pi
+        return found
 
     def jacobian(self, values: FloatArray, first: int = 0) -> FloatArray:
         """d predict / d values by differences, shape (n, m), from parameter number `first` on."""
