@@ -226,5 +226,11 @@ def reduction(source: RunSource, tilts_rad: Mapping[str, float]) -> tuple[list[S
             fitted.append(fitted_run(record.run_id, record.conditions, samples, header.channels, tilts_rad))
         except DataError as error:
             left_out[record.run_id] = str(error)
-    found = sensitivities(fitted)
-    return sorted(found, key=lambda run: (math.isnan(run.number("start_s")), run.number("start_s"))), left_out
+    return sorted(sensitivities(fitted), key=_place), left_out
+
+
+def _place(run: Sensitivity) -> tuple[float, ...]:
+    """By time, and where that is not known by what was read: neither by the file's order nor by names."""
+    start_s = run.number("start_s")
+    known = start_s if math.isfinite(start_s) else math.inf
+    return known, run.frequency_hz, run.acceleration_m_s2, run.value.real, run.value.imag
