@@ -21,8 +21,15 @@ from rigctl.core.satellites import FlightSession, Stimulus
 
 KIND = "drag-free satellite"
 
-_UNITS = {"m": "m/s2", "t": "1/s2", "dw": "rad/s2", "att": "rad", "command": "m/s2", "temperature": "K"}
-_KINDS = {"m": "accelerometer", "t": "gradient", "dw": "angular acceleration", "att": "angle", "command": "thrust"}
+_UNITS = {"m": "m/s2", "t": "1/s2", "dw": "rad/s2", "att": "rad", "command": "m/s2", "g": "m/s2", "temperature": "K"}
+_KINDS = {
+    "m": "accelerometer",
+    "t": "gradient",
+    "dw": "angular acceleration",
+    "att": "angle",
+    "command": "thrust",
+    "g": "gravity",
+}
 
 
 class Link(Protocol):
@@ -131,7 +138,12 @@ class GroundSegment:
     def begin(self, session: FlightSession) -> float:
         """Uplink a session; the rig time of its first perigee."""
         self.check(session)
-        command = {"duration_s": session.duration_s, "hold": session.hold, **asdict(session.stimulus)}
+        command = {
+            "duration_s": session.duration_s,
+            "hold": session.hold,
+            "spin_hz": session.spin_hz,
+            **asdict(session.stimulus),
+        }
         return self._there().begin(command)
 
     def fetch(self) -> FloatArray:

@@ -20,6 +20,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.core.interfaces import Channel
 from rigctl.core.satellites import FlightSession
+from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE
 
 LINE_WIDTHS = 0.9
 """A stimulus is at least so many inverse durations away from a line of the orbit."""
@@ -71,7 +72,7 @@ def calibrate(session: Session, flight: Flight, calibration: Calibration) -> Non
         with session.step(f"session {name}"):
             asked = calibration.session(name, flight.orbit_period_s)
             conditions = calibration.conditions(name, flight.satellite.sample_period_s)
-            measure = _Recording(session, flight, asked).measure
+            measure = _Recording(session, flight, asked, name in EQUIVALENCE).measure
             session.acquire(name, conditions, measure, Apparatus(others=(flight.satellite,)))
 
 
@@ -82,6 +83,7 @@ class _Recording:
     session: Session
     flight: Flight
     asked: FlightSession
+    tests_equivalence: bool
 
     def measure(self, writer: RunWriter) -> Mapping[str, Any]:
         """Record orbit by orbit; a run whose loop does not hold is ended there, and not valid."""
@@ -113,6 +115,9 @@ class _Recording:
             got += len(rows.all)
         return {"start_s": start_s}
 
-    @staticmethod
-    def _write(writer: RunWriter, channels: tuple[Channel, ...], rows: FloatArray) -> None:
-        writer.stream({channel.name: rows[:, place] for place, channel in enumerate(channels)})
+    def _write(self, writer: RunWriter, channels: tuple[Channel, ...], rows: FloatArray) -> None:
+        # Only the test of the equivalence principle needs gravity itself; elsewhere it would be one covariate more.
+        kept = {name: place for place, name in enumerate(each.name for each in channels)}
+        writer.stream(
+            {n: rows[:, p] for n, p in kept.items() if self.tests_equivalence or channels[p].kind != "gravity"}
+        )

@@ -106,7 +106,8 @@ def channels(rig: Instruments) -> tuple[Mapping[str, ChannelInfo], Mapping[str, 
     return {
         channel.name: ChannelInfo(channel.unit, channel.kind, full_scale=channel.full_scale)
         for channel in flight_of(rig).satellite.channels()
-        if channel.name != "t_s"
+        # Of gravity only sessions of the test have columns.
+        if channel.name != "t_s" and channel.kind != "gravity"
     }, {}
 
 

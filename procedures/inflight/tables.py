@@ -9,9 +9,9 @@ from pydantic import Field, field_validator, model_validator
 
 from rigctl.core.file_tables import Table
 from rigctl.core.satellites import FlightSession, Stimulus
-from rigctl.experiments.inflight.observe.sessions import GRADIENT, SESSIONS, SessionName
+from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, GRADIENT, SESSIONS, SessionName
 
-TEN = tuple(name for name in SESSIONS if name != "dx+dz")
+TEN = tuple(name for name in SESSIONS if name != "dx+dz" and name not in EQUIVALENCE)
 
 # Far beyond what any satellite does, and small enough for everything computed from them to stay finite.
 Orbits = Annotated[float, Field(ge=1e-2, le=1e3)]
@@ -38,6 +38,8 @@ class Calibration(Table):
     sessions: tuple[SessionName, ...] = Field(default=TEN, min_length=1)
     orbits: Orbits = 10.0
     orbits_ac12: Orbits = 40.0
+    orbits_ep: Orbits = 20.0
+    spin_hz: Annotated[float, Field(gt=0, le=1e-2)] = 17.5 / 5950.0
     common_m_s2: Amplitude = 5e-8
     common_hz: StimulusHz = 73 / TEN_ORBITS_S
     turn_rad: Amplitude = 1e-2
@@ -58,12 +60,14 @@ class Calibration(Table):
 
     def orbits_of(self, name: str) -> float:
         """How long a session is."""
+        if name in EQUIVALENCE:
+            return self.orbits_ep
         return self.orbits_ac12 if name == "ac12" else self.orbits
 
     @field_validator("stimuli")
     @classmethod
     def _of_stimulated(cls, values: dict[str, SessionStimulus]) -> dict[str, SessionStimulus]:
-        if without := [name for name in values if name in GRADIENT]:
+        if without := [name for name in values if name in (*GRADIENT, *EQUIVALENCE)]:
             raise ValueError(f"session {without[0]} injects nothing; leave its stimulus out")
         return values
 
@@ -74,7 +78,7 @@ class Calibration(Table):
 
     def _usual_stimulus(self, name: SessionName) -> Stimulus:
         """What sessions of its kind inject."""
-        if name in GRADIENT:
+        if name in (*GRADIENT, *EQUIVALENCE):
             return Stimulus()
         if name == "dy":
             return Stimulus("attitude", "z", self.turn_rad, self.turn_hz, self.phase_rad)
@@ -94,7 +98,11 @@ class Calibration(Table):
             hold = "mass-2"
         elif name == "k2c_2":
             hold = "mass-1"
-        return FlightSession(self.orbits_of(name) * orbit_period_s, self.stimulus(name), hold)
+        return FlightSession(self.orbits_of(name) * orbit_period_s, self.stimulus(name), hold, self.spin_of(name))
+
+    def spin_of(self, name: SessionName) -> float:
+        """How fast a session turns, Hz."""
+        return self.spin_hz if name == "ep_spin" else 0.0
 
     def conditions(self, name: SessionName, sample_period_s: float) -> dict[str, Any]:
         """What a run's row in runs.csv says, as far as it is known before."""
@@ -104,6 +112,8 @@ class Calibration(Table):
             "orbits": self.orbits_of(name),
             "sample_period_s": sample_period_s,
         }
+        if spin_hz := self.spin_of(name):
+            conditions["spin_frequency_hz"] = spin_hz
         if stimulus.target == "none":
             return conditions
         return {

@@ -33,6 +33,8 @@ class FlightSession:
     duration_s: float
     stimulus: Stimulus = Stimulus()
     hold: Literal["both", "mass-1", "mass-2"] = "both"
+    spin_hz: float = 0.0
+    """Turns about Y against the motion in orbit; 0 where pointing is inertial."""
 
 
 @runtime_checkable

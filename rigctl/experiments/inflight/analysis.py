@@ -9,11 +9,14 @@ from typing import Any
 from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.effects.plugins import Plugin
+from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
+from rigctl.experiments.inflight.observe.sessions import QUADRATIC
 from rigctl.experiments.inflight.observe.store_reduction import reduction
+from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence
 from rigctl.experiments.inflight.result.monte_carlo import DRAW, Draw, tables
-from rigctl.experiments.inflight.result.result import calibration
+from rigctl.experiments.inflight.result.result import calibration, systematic
 from rigctl.experiments.inflight.study import InflightStudy
-from rigctl.workbench.verdict.fit import parameters_of
+from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.workbench import Workbench
 
 
@@ -51,5 +54,21 @@ def analyse(workbench: Workbench) -> InflightResult:
     studied = workbench.study
     assert isinstance(studied, InflightStudy)
     version = workbench.current
-    numbers = calibration(studied, parameters_of(studied, version.terms))
-    return InflightResult({"version": version.version, **numbers})
+    attempt = Attempt(studied, version.terms)
+    estimates = attempt.estimates()
+    numbers = {"version": version.version, **calibration(studied, estimates)}
+    test = runs_of_test(studied.source, calibrated_level(studied))
+    numbers["remarks"] = [*numbers["remarks"], *test.left_out.values()]
+    if test.runs:
+        beyond = systematic(estimates, studied.source.header.constants)
+        calibrated = calibrated_of(attempt.result.values, attempt.uncertainty.covariance, beyond)
+        numbers["ep"] = equivalence(test.runs, calibrated)
+    return InflightResult(numbers)
+
+
+def calibrated_level(study: InflightStudy) -> float:
+    """The level of m_dx [m/s2] while the mean of both masses was held and nothing injected, or as little as there is:
+    where the calibrated slopes are those of the sensors."""
+    held = [run for run in study.data.reduced.runs if run.session.name not in QUADRATIC]
+    quietest = min(held or study.data.reduced.runs, key=lambda run: run.whole.amplitudes.mean_square)
+    return quietest.whole.amplitudes.apart

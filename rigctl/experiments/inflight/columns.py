@@ -20,14 +20,23 @@ from rigctl.campaign.layout import (
     slip_between,
     time_slip,
 )
-from rigctl.experiments.inflight.observe.sessions import GRADIENT, LINEAR, MASS_MOTION, QUADRATIC, SESSIONS
+from rigctl.experiments.inflight.observe.sessions import (
+    EQUIVALENCE,
+    GRADIENT,
+    LINEAR,
+    MASS_MOTION,
+    QUADRATIC,
+    SESSIONS,
+)
 
 _AMPLITUDE_UNITS = {**dict.fromkeys(LINEAR, "m/s2"), **dict.fromkeys((*MASS_MOTION, *QUADRATIC), "m"), "dy": "rad"}
 
 
 def _flaw(run: Mapping[str, Any]) -> str | None:
     session, unit = run["session"], run.get("amplitude_unit", "")
-    if session in GRADIENT:
+    if session == "ep_spin" and not run.get("spin_frequency_hz", math.nan) > 0.0:
+        return "session ep_spin has no spin_frequency_hz; write how fast it turned"
+    if session in (*GRADIENT, *EQUIVALENCE):
         return None
     for name in ("calibration_frequency_hz", "amplitude"):
         if math.isnan(run.get(name, math.nan)):
@@ -64,6 +73,7 @@ COLUMNS = Layout(
         "amplitude": Field(number),
         "amplitude_unit": Field(one_of("m/s2", "rad", "m"), missing=""),
         "phase_rad": Field(number),
+        "spin_frequency_hz": Field(not_negative),
         **COMMON_FIELDS,
     },
     samples_of=lambda _: (

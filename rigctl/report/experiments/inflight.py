@@ -18,7 +18,8 @@ def tables(result_json: Mapping[str, Any], reference: Mapping[str, Any]) -> list
     del reference
     if "table2" in result_json:
         return [_table2(result_json), _table3(result_json["table3"])]
-    return [calibration_table(result_json)]
+    made = [calibration_table(result_json)]
+    return [*made, *equivalence_tables(result_json["ep"])] if "ep" in result_json else made
 
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
@@ -51,6 +52,51 @@ def calibration_table(result_json: Mapping[str, Any]) -> ResultTable:
     )
     columns = ["parameter", "#joint", "#systematic", "#published"]
     return ResultTable(sentence, columns, rows, marked, result_json["remarks"])
+
+
+def equivalence_tables(ep: Mapping[str, Any]) -> list[ResultTable]:
+    """The test of the equivalence principle: delta by session, and what each parameter does to it."""
+    sessions = {name: each for name, each in ep.items() if name != "combined"}
+    rows = [
+        [
+            name,
+            each["session"],
+            number(each["orbits"]),
+            *(_scaled(each[key]) for key in ("uncorrected", "delta")),
+            *(number(_SCALE * each["delta"][key], 2) for key in _SIGMAS),
+            _scaled(each["quadrature"]),
+        ]
+        for name, each in sessions.items()
+    ]
+    both = ep["combined"]["delta"]
+    rows.append(["all", "", "", "", _scaled(both), *(number(_SCALE * both[key], 2) for key in _SIGMAS[:2]), "", ""])
+    marked = [abs(each["quadrature"]["value"]) > 4.0 * each["quadrature"]["sigma"] for each in sessions.values()]
+    sentence = (
+        "Test of the equivalence principle, in 1e-15: delta before and after correction with the calibration, its "
+        "sigma by noise, by the calibration, and by what no session sees; the part in quadrature should be nil."
+    )
+    columns = ["run", "session", "#orbits", "#before", "#delta", "#noise", "#cal.", "#unseen", "#quadrature"]
+    return [ResultTable(sentence, columns, rows, [*marked, False]), *map(_rows_of, sessions.items())]
+
+
+_SCALE = 1e15
+_SIGMAS = ("sigma_noise", "sigma_calibration", "systematic")
+
+
+def _scaled(each: Mapping[str, float]) -> str:
+    return quantity(_SCALE * each["value"], _SCALE * each["sigma"])
+
+
+def _rows_of(session: tuple[str, Mapping[str, Any]]) -> ResultTable:
+    name, each = session
+    rows = [[parameter, *(number(row[key], 2) for key in row)] for parameter, row in each["rows"].items()]
+    totals = (sum(row[key] for row in each["rows"].values()) for key in ("before_m_s2", "after_m_s2"))
+    rows.append(["total", *(number(total, 2) for total in totals)])
+    sentence = (
+        f"What each parameter does in {name} in phase with gravity, m/s2: before by its calibrated value, after by "
+        "its standard uncertainty; linear totals."
+    )
+    return ResultTable(sentence, ["parameter", "#before", "#after"], rows)
 
 
 def _table2(result_json: Mapping[str, Any]) -> ResultTable:

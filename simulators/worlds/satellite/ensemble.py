@@ -36,7 +36,10 @@ class Ensemble:
         from simulators.worlds.satellite.simulation import Simulation
 
         injected = {field.name: getattr(session.stimulus, field.name) for field in fields(Injection)}
-        command = command_of(self._settings, {"duration_s": session.duration_s, "hold": session.hold, **injected})
+        command = command_of(
+            self._settings,
+            {"duration_s": session.duration_s, "hold": session.hold, "spin_hz": session.spin_hz, **injected},
+        )
         simulation = Simulation(self._settings, draws, run, command)
         memory = np.empty((chunk, len(COLUMNS) * LANES))
         while simulation.taken < command.samples:
@@ -50,4 +53,6 @@ class Ensemble:
 def command_of(settings: SatelliteSettings, told: Mapping[str, Any]) -> Command:
     """A telecommand: `duration_s`, `hold`, and what is injected."""
     injection = Injection(**{field.name: told[field.name] for field in fields(Injection)})
-    return Command(round(float(told["duration_s"]) / settings.sample_period_s), injection, told["hold"])
+    return Command(
+        round(float(told["duration_s"]) / settings.sample_period_s), injection, told["hold"], told.get("spin_hz", 0.0)
+    )

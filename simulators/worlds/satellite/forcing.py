@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite import layout
 from simulators.worlds.satellite.layout import FORCING, FORCINGS
-from simulators.worlds.satellite.orbit import oblateness, place
+from simulators.worlds.satellite.orbit import EARTH_M3_S2, Place, oblateness, place
 from simulators.worlds.satellite.settings import SatelliteSettings
 
 Target = Literal["none", "drag-free", "attitude", "masses", "mass-1", "mass-2"]
@@ -57,6 +57,8 @@ class Command:
     samples: int
     injection: Injection = field(default_factory=Injection)
     hold: Literal["both", "mass-1", "mass-2"] = "both"
+    spin_hz: float = 0.0
+    """Turns about Y against the motion in orbit."""
 
     @property
     def inputs(self) -> tuple[float, float]:
@@ -67,8 +69,8 @@ class Command:
 def forcing(settings: SatelliteSettings, command: Command, time_s: FloatArray) -> FloatArray:
     """One row per time, columns as in `layout.FORCING`."""
     made = np.zeros((len(time_s), FORCINGS))
-    _orbit(made, settings, time_s)
-    _drag(made, settings, time_s)
+    _orbit(made, settings, command.spin_hz, time_s)
+    _drag(made, settings, command.spin_hz, time_s)
     _injected(made, settings, command.injection, time_s)
     _in_time(made, settings, time_s)
     return made
@@ -83,7 +85,7 @@ def temperature_k(settings: SatelliteSettings, time_s: FloatArray) -> FloatArray
     )
 
 
-def _orbit(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
+def _orbit(made: FloatArray, settings: SatelliteSettings, spin_hz: float, time_s: FloatArray) -> None:
     period_s, e, size = settings.orbit_period_s, settings.eccentricity, settings.size
     # The ground knows the orbit as planned; what is wrong about it is in `true` alone.
     believed = true = place(time_s, period_s, e, 0.0)
@@ -95,7 +97,11 @@ def _orbit(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) ->
             size("orbit-precession", "rate") * time_s,
         )
     for at, where in ((FORCING["strength"], true), (FORCING["believed"], believed)):
-        made[:, at], made[:, at + 1], made[:, at + 2] = where.strength_s2, where.cosine, where.sine
+        cosine, sine = _turned(where.cosine, where.sine, spin_hz, time_s)
+        made[:, at], made[:, at + 1], made[:, at + 2] = where.strength_s2, cosine, sine
+    made[:, FORCING["believed"] + 3] = _pull_m_s2(believed)
+    if settings.eotvos:
+        made[:, FORCING["falling"]] = 0.5 * settings.eotvos * _pull_m_s2(true)
     if j2 := size("gravity-j2", "j2"):
         inclination, perigee = size("gravity-j2", "inclination"), size("gravity-j2", "perigee")
         _put(made, "gradient", oblateness(true, period_s, j2, inclination, perigee))
@@ -110,7 +116,20 @@ def _orbit(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) ->
         made[:, FORCING["tracker"] + 2] += orbital * true.sine
 
 
-def _drag(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
+def _pull_m_s2(at: Place) -> FloatArray:
+    """mu / r^2."""
+    return np.asarray(at.strength_s2 ** (2.0 / 3.0) * EARTH_M3_S2 ** (1.0 / 3.0))
+
+
+def _turned(x: FloatArray, z: FloatArray, spin_hz: float, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """In the axes of a satellite that turns."""
+    if spin_hz == 0.0:
+        return x, z
+    c, s = np.cos(2.0 * math.pi * spin_hz * time_s), np.sin(2.0 * math.pi * spin_hz * time_s)
+    return c * x - s * z, s * x + c * z
+
+
+def _drag(made: FloatArray, settings: SatelliteSettings, spin_hz: float, time_s: FloatArray) -> None:
     mean = 2.0 * math.pi / settings.orbit_period_s * time_s
     c1, s1 = np.cos(mean), np.sin(mean)
     # Of the double angle without further cosines: this is worked out for every step.
@@ -121,6 +140,8 @@ def _drag(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> 
         made[:, FORCING["force"] + axis] = level + first * once + second * twice
     if external := settings.external():
         _put(made, "force", external.at(time_s))
+    x, z = FORCING["force"], FORCING["force"] + 2
+    made[:, x], made[:, z] = _turned(made[:, x].copy(), made[:, z].copy(), spin_hz, time_s)
     for axis, (once, twice) in enumerate(((c1, s2), (s1, c2), (c1, s2))):
         level, first, second = drag.torque_rad_s2[axis], drag.torque_1_rad_s2[axis], drag.torque_2_rad_s2[axis]
         made[:, FORCING["torque"] + axis] = level + first * once + second * twice

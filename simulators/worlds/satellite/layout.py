@@ -23,7 +23,8 @@ FORCING, FORCINGS = _places(
     strength=1,
     cosine=1,
     sine=1,
-    believed=3,
+    believed=4,
+    falling=1,
     force=3,
     torque=3,
     wanted=3,
@@ -102,12 +103,14 @@ CONSTANT, CONSTANTS = _places(
     cubic=2,
     cross=2,
     range=1,
+    spin=1,
 )
 
 COLUMNS = (
     *("m1_x", "m1_y", "m1_z", "m2_x", "m2_y", "m2_z"),
     *("t_xx", "t_xz", "t_yy", "t_zz", "t_xy", "t_yz"),
     *("dw_x", "dw_y", "dw_z", "att_x", "att_y", "att_z", "command_x", "command_y", "command_z"),
+    *("g_x", "g_y", "g_z"),
 )
 """What comes down, by sample."""
 

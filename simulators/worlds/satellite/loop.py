@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite import layout
+from simulators.worlds.satellite.believed import believed_gravity
 from simulators.worlds.satellite.layout import LANES
 from simulators.worlds.satellite.normals import PER_STEP, fill
+from simulators.worlds.satellite.thrusters import quantise
 
 KeyArray = NDArray[np.uint64]
 
@@ -22,7 +24,7 @@ L = LANES
 _POLES = layout.POLES
 
 _F = layout.FORCING
-_STRENGTH, _COS, _SIN, _BELIEVED = _F["strength"], _F["cosine"], _F["sine"], _F["believed"]
+_STRENGTH, _COS, _SIN, _FALLING = _F["strength"], _F["cosine"], _F["sine"], _F["falling"]
 _FORCE, _TORQUE, _WANTED, _TURN = _F["force"], _F["torque"], _F["wanted"], _F["attitude"]
 _MOVED, _SPEED, _PUSHED, _REACTION = _F["moved"], _F["speed"], _F["pushed"], _F["reaction"]
 _CENTRE, _PARTED, _EXTRA, _LATE = _F["centre"], _F["parted"], _F["applied"], _F["measured"]
@@ -52,9 +54,9 @@ _NYZ, _NR, _NG, _NS, _NF, _NT = (
 )
 _LEAST, _SMALLEST, _LARGEST, _CUBIC, _CROSS = _C["least"], _C["smallest"], _C["largest"], _C["cubic"], _C["cross"]
 
-_RANGE = _C["range"]
+_RANGE, _SPIN = _C["range"], _C["spin"]
 
-# Constants of other files are compiled in: whoever changes layout or normals touches this file too.
+# Constants of other files are compiled in: whoever changes what is imported touches this file too.
 _PARAMETERS, _STATES = layout.PARAMETERS * L, layout.STATES * L
 _NOISES = PER_STEP * L
 
@@ -89,7 +91,7 @@ def advance(
     h1, h2, h3 = 3.0 * c[_WO], 3.0 * c[_WO] ** 2, c[_WO] ** 3
     n_yz, n_read, n_gyro, n_star, n_thrust, n_torque = c[_NYZ], c[_NR], c[_NG], c[_NS], c[_NF], c[_NT]
     k3_1, k3_2, kxy_1, kxy_2 = c[_CUBIC], c[_CUBIC + 1], c[_CROSS], c[_CROSS + 1]
-    most = c[_RANGE]
+    most, spin = c[_RANGE], c[_SPIN]
     p, s = parameter, state
     listening, pushed = out.shape[0] > 0, extra.shape[0] > 0
     for row in range(forcing.shape[0]):
@@ -105,9 +107,12 @@ def advance(
                 f[_TORQUE + 2] + s[_THRUST + 5 * L + i],
             )
             wx, wy, wz = s[_RATE + i] + tx * dt, s[_RATE + L + i] + ty * dt, s[_RATE + 2 * L + i] + tz * dt
-            ax, ay, az = s[_ANGLE + i] + wx * dt, s[_ANGLE + L + i] + wy * dt, s[_ANGLE + 2 * L + i] + wz * dt
+            # Angles count from axes that turn by -spin about Y: the rate against them is w - w0 x angle.
+            ax, ay, az = s[_ANGLE + i], s[_ANGLE + L + i], s[_ANGLE + 2 * L + i]
+            ax, ay, az = ax + (wx + spin * az) * dt, ay + wy * dt, az + (wz - spin * ax) * dt
             s[_RATE + i], s[_RATE + L + i], s[_RATE + 2 * L + i] = wx, wy, wz
             s[_ANGLE + i], s[_ANGLE + L + i], s[_ANGLE + 2 * L + i] = ax, ay, az
+            wy -= spin
             # Where the Earth is, turned by the attitude (half tangents: a rotation for any angle).
             qx, qy, qz = 0.5 * ax, 0.5 * ay, 0.5 * az
             r = 2.0 / (1.0 + qx * qx + qy * qy + qz * qz)
@@ -132,6 +137,7 @@ def advance(
             fy = f[_FORCE + 1] + s[_THRUST + L + i] - react_1 * e1y - react_2 * e2y
             fz = f[_FORCE + 2] + s[_THRUST + 2 * L + i] - react_1 * e1z - react_2 * e2z
             # Mass 1.
+            fall = f[_FALLING]
             d, v, a = f[_MOVED], f[_SPEED], f[_PUSHED]
             px = p[_P1 + i] + e1x * d + f[_CENTRE] - f[_PARTED]
             py = p[_P1 + L + i] + e1y * d + f[_CENTRE + 1]
@@ -143,10 +149,23 @@ def advance(
                 + a * e1x
                 + p[_A1 + i]
                 + f[_EXTRA]
+                - fall * rx
             )
-            b1y = fy - (gyx * px + gyy * py + gyz * pz) + 2.0 * v * (wz * e1x - wx * e1z) + a * e1y + p[_A1 + L + i]
+            b1y = (
+                fy
+                - (gyx * px + gyy * py + gyz * pz)
+                + 2.0 * v * (wz * e1x - wx * e1z)
+                + a * e1y
+                + p[_A1 + L + i]
+                - fall * ry
+            )
             b1z = (
-                fz - (gzx * px + gzy * py + gzz * pz) + 2.0 * v * (wx * e1y - wy * e1x) + a * e1z + p[_A1 + 2 * L + i]
+                fz
+                - (gzx * px + gzy * py + gzz * pz)
+                + 2.0 * v * (wx * e1y - wy * e1x)
+                + a * e1z
+                + p[_A1 + 2 * L + i]
+                - fall * rz
             )
             # Mass 2.
             d, v, a = f[_MOVED + 1], f[_SPEED + 1], f[_PUSHED + 1]
@@ -160,10 +179,23 @@ def advance(
                 + a * e2x
                 + p[_A2 + i]
                 + f[_EXTRA + 1]
+                + fall * rx
             )
-            b2y = fy - (gyx * px + gyy * py + gyz * pz) + 2.0 * v * (wz * e2x - wx * e2z) + a * e2y + p[_A2 + L + i]
+            b2y = (
+                fy
+                - (gyx * px + gyy * py + gyz * pz)
+                + 2.0 * v * (wz * e2x - wx * e2z)
+                + a * e2y
+                + p[_A2 + L + i]
+                + fall * ry
+            )
             b2z = (
-                fz - (gzx * px + gzy * py + gzz * pz) + 2.0 * v * (wx * e2y - wy * e2x) + a * e2z + p[_A2 + 2 * L + i]
+                fz
+                - (gzx * px + gzy * py + gzz * pz)
+                + 2.0 * v * (wx * e2y - wy * e2x)
+                + a * e2z
+                + p[_A2 + 2 * L + i]
+                + fall * rz
             )
             # Measurement.
             m1x = (
@@ -249,7 +281,12 @@ def advance(
             ox = ax + p[_TRACKER + i] + f[_STAR] - f[_TURN] + n_star * noise[11 * L + i] - thx
             oy = ay + p[_TRACKER + L + i] + f[_STAR + 1] - f[_TURN + 1] + n_star * noise[12 * L + i] - thy
             oz = az + p[_TRACKER + 2 * L + i] + f[_STAR + 2] - f[_TURN + 2] + n_star * noise[13 * L + i] - thz
-            thx, thy, thz = thx + (whx + h1 * ox) * dt, thy + (why + h1 * oy) * dt, thz + (whz + h1 * oz) * dt
+            # The observer knows how the satellite is to turn.
+            thx, thy, thz = (
+                thx + (whx + spin * thz + h1 * ox) * dt,
+                thy + (why + h1 * oy) * dt,
+                thz + (whz - spin * thx + h1 * oz) * dt,
+            )
             whx += (dwx - bhx + h2 * ox) * dt
             why += (dwy - bhy + h2 * oy) * dt
             whz += (dwz - bhz + h2 * oz) * dt
@@ -271,9 +308,9 @@ def advance(
                 o[15 * L + i], o[16 * L + i], o[17 * L + i] = thx + f[_TURN], thy + f[_TURN + 1], thz + f[_TURN + 2]
                 o[18 * L + i], o[19 * L + i], o[20 * L + i] = -ulx, -uly, -ulz
         if listening:
-            _believed_gradient(out[row], f)
+            believed_gravity(out[row], f)
         if c[_LEAST] > 0.0 or c[_SMALLEST] > 0.0 or c[_LARGEST] > 0.0:
-            _quantise(s, c)
+            quantise(s, c)
         for axis in range(6):
             at = _DO + 6 * axis * L
             loud = n_thrust if axis < 3 else n_torque
@@ -313,38 +350,3 @@ def _sensor_noise(
             s[held + L + i] = s[held + i]
             s[held + i] = now
             sensor[mass * L + i] = loud * (white * sensor[mass * L + i] + readout * twice)
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _believed_gradient(o: FloatArray, f: FloatArray) -> None:
-    """The gradient that follows from the orbit and the attitude as the ground knows them."""
-    g, cosine, sine = f[_BELIEVED], f[_BELIEVED + 1], f[_BELIEVED + 2]
-    for i in range(L):
-        # Columns 15 to 17: the attitude that comes down, not the true one.
-        qx, qy, qz = 0.5 * o[15 * L + i], 0.5 * o[16 * L + i], 0.5 * o[17 * L + i]
-        r = 2.0 / (1.0 + qx * qx + qy * qy + qz * qz)
-        ux, uy, uz = qy * sine, qz * cosine - qx * sine, -qy * cosine
-        rx = cosine - r * (ux - (qy * uz - qz * uy))
-        ry = -r * (uy - (qz * ux - qx * uz))
-        rz = sine - r * (uz - (qx * uy - qy * ux))
-        o[6 * L + i] = g * (3.0 * rx * rx - 1.0)
-        o[7 * L + i] = 3.0 * g * rx * rz
-        o[8 * L + i] = g * (3.0 * ry * ry - 1.0)
-        o[9 * L + i] = g * (3.0 * rz * rz - 1.0)
-        o[10 * L + i] = 3.0 * g * rx * ry
-        o[11 * L + i] = 3.0 * g * ry * rz
-
-
-@njit(cache=True, nogil=True)
-def _quantise(s: FloatArray, c: FloatArray) -> None:
-    """Thrusters with a step, a least and a largest force, as accelerations; what is below the least is not done."""
-    step, smallest, largest = c[_LEAST], c[_SMALLEST], c[_LARGEST]
-    for place in range(_ASKED, _ASKED + 3 * L):
-        asked = s[place]
-        if step > 0.0:
-            asked = step * np.rint(asked / step)
-        if abs(asked) < smallest:
-            asked = 0.0
-        if largest > 0.0:
-            asked = min(max(asked, -largest), largest)
-        s[place] = asked

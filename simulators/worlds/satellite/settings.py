@@ -117,6 +117,8 @@ class SatelliteSettings(WorldTable):
     sample_period_s: float = Field(default=0.25, gt=0.0)
     settle_s: float = Field(default=6000.0, ge=0.0)
     noise_on: bool = True
+    eotvos: float = Field(default=0.0, ge=-1e-6, le=1e-6)
+    """How much more mass 2 falls than mass 1, over g: the electrodes push mass 1 along g by so much more."""
     range_m_s2: float = Field(default=1e-6, gt=0.0)
     """Where a sensor saturates."""
     mass_kg: tuple[float, float] = (0.4, 1.36)

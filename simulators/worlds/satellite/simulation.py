@@ -132,6 +132,7 @@ def _constants(settings: SatelliteSettings, command: Command) -> FloatArray:
     named = {
         "step": step_s,
         "range": settings.range_m_s2,
+        "spin": 2.0 * math.pi * command.spin_hz,
         "input_1": command.inputs[0],
         "input_2": command.inputs[1],
         "gain": loops.drag_free_rad_s,

@@ -16,10 +16,28 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 
-SessionName = Literal["dx", "dz", "dx+dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2"]
+SessionName = Literal[
+    "dx",
+    "dz",
+    "dx+dz",
+    "dy",
+    "ac12",
+    "ac13",
+    "ad11",
+    "ad12",
+    "ad13",
+    "k2d",
+    "k2c_1",
+    "k2c_2",
+    "ep_inertial",
+    "ep_spin",
+]
 SESSIONS: tuple[SessionName, ...] = get_args(SessionName)
 GRADIENT = ("dx", "dz", "dx+dz")
 """Sessions without an injected signal: the gradient's own line is used."""
+
+EQUIVALENCE = ("ep_inertial", "ep_spin")
+"""Sessions of the test itself, inertial and turning; they calibrate nothing."""
 
 MASS_MOTION = ("ac12", "ac13")
 LINEAR = ("ad11", "ad12", "ad13", "k2d")
@@ -69,6 +87,7 @@ class Session:
     frequency_hz: float = 0.0
     amplitude: float = 0.0
     phase_rad: float = 0.0
+    spin_hz: float = 0.0
 
     @property
     def orbital_hz(self) -> float:
@@ -148,8 +167,13 @@ def session_of(run_id: str, conditions: Mapping[str, Any], orbit_period_s: float
     name = str(conditions.get("session", ""))
     if name not in SESSIONS:
         raise DataError(f"run {run_id}: session {name!r} is none; use one of: {', '.join(SESSIONS)}")
-    if name in GRADIENT:
+    if name in GRADIENT or name == "ep_inertial":
         return Session(name, orbit_period_s, sample_period_s)
+    if name == "ep_spin":
+        spin_hz = float(conditions.get("spin_frequency_hz", math.nan))
+        if not 0.0 < spin_hz < 0.1 / sample_period_s:
+            raise DataError(f"run {run_id}: session ep_spin needs a spin_frequency_hz, below a tenth of the rate")
+        return Session(name, orbit_period_s, sample_period_s, spin_hz=spin_hz)
     frequency_hz, amplitude = (
         float(conditions.get(key, math.nan)) for key in ("calibration_frequency_hz", "amplitude")
     )

@@ -15,7 +15,7 @@ from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.grid import Grid
 from rigctl.experiments.inflight.observe.reduction import BetweenLines, ReducedRun, ReducedStretch, reduce_run
 from rigctl.experiments.inflight.observe.series import Amplitudes, without_pulses
-from rigctl.experiments.inflight.observe.sessions import Line, session_of
+from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, Line, session_of
 
 RECIPE = Recipe("inflight-calibration", 10)
 """Its version is counted up whenever reduction.py or model/residual_samples.py would give other numbers."""
@@ -34,7 +34,8 @@ def reduction(source: RunSource, progress: Progress | None = None) -> Reduction[
         samples = source.samples(record.run_id)
         return packed(reduce_run(record.run_id, record.conditions, samples, orbit_period_s))
 
-    runs = each_reduced(Kept(source, RECIPE), source.runs(valid_only=True), make, unpacked, progress)
+    records = [each for each in source.runs(valid_only=True) if each.conditions.get("session") not in EQUIVALENCE]
+    runs = each_reduced(Kept(source, RECIPE), records, make, unpacked, progress)
     return Reduction.of(runs)
 
 

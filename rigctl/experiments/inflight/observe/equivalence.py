@@ -1,0 +1,193 @@
+"""A session of the test itself reduced: how much of each series goes with gravity, in one pass over its samples.
+
+All series are fitted by gravity along X and along Z, which is in quadrature, by lines that orbit and turning make,
+and by what is slow, with weights that go smoothly to nothing at gaps and ends. The fit is linear in the series, so
+that whatever an equation makes of them is found afterwards, for any parameters. Frequencies beside that of the test,
+where nothing is to be expected, tell the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.core.arrays import BoolArray, FloatArray
+from rigctl.core.errors import DataError
+from rigctl.experiments.inflight.observe.grid import Grid, grid_of
+from rigctl.experiments.inflight.observe.series import raw_series, without_pulses
+from rigctl.experiments.inflight.observe.sessions import Session, session_of
+from rigctl.experiments.inflight.observe.weights import FEWEST_SAMPLES, taper, templates
+
+GRAVITY = ("g_x", "g_z")
+FEWEST_ORBITS = 8.0
+BESIDE_ORBITAL = 0.45
+"""Half the width, in frequencies of the orbit, of the band beside the test's line in which noise is looked at."""
+
+_BESIDE = 20
+_CHUNK = 1 << 14
+_WAVES = 3
+_SINGULAR = 1e-10
+
+
+@dataclass(frozen=True)
+class TestRun:
+    """A reduced session: `amplitudes` (2, series) of each series on g_x and g_z [per m/s2], `spread` (2,) the
+    standard uncertainty of one in noise of unit density, `beside` (2 lines, series) cosines and sines near the test's
+    frequency, scaled so that their variance is the density. `missing` is a fraction."""
+
+    __test__ = False
+
+    run_id: str
+    session: Session
+    orbits: float
+    missing: float
+    amplitudes: FloatArray
+    beside: FloatArray
+    spread: FloatArray
+
+    @property
+    def dof(self) -> int:
+        """Amplitudes that tell the noise."""
+        return len(self.beside)
+
+    @property
+    def test_hz(self) -> float:
+        """The frequency at which the satellite sees the Earth go round."""
+        return self.session.orbital_hz + self.session.spin_hz
+
+
+def reduce_test(
+    run_id: str,
+    conditions: Mapping[str, object],
+    samples: Mapping[str, FloatArray],
+    orbit_period_s: float,
+    centre_m_s2: float,
+    pulses_s: FloatArray | None = None,
+) -> TestRun:
+    """Reduce a session; `DataError` when it is too short, too patchy, or has no gravity in its telemetry.
+
+    `centre_m_s2` is the level of m_dx while the calibration was flown: quadratic factors count from there.
+    """
+    absent = [name for name in GRAVITY if name not in samples]
+    if absent:
+        raise DataError(f"run {run_id}: column {absent[0]} is missing; add gravity as orbit and attitude give it")
+    grid = grid_of(run_id, without_pulses(samples, pulses_s))
+    session = session_of(run_id, conditions, orbit_period_s, grid.step_s)
+    orbits = grid.duration_s / orbit_period_s
+    if orbits < FEWEST_ORBITS:
+        raise DataError(f"run {run_id}: {orbits:.3g} orbits are too short; record at least {FEWEST_ORBITS:g}")
+    present = grid.present & np.all([np.isfinite(grid.columns[name]) for name in GRAVITY], axis=0)
+    weight = taper(present, grid.step_s)
+    if np.count_nonzero(weight) < FEWEST_SAMPLES * len(weight):
+        raise DataError(f"run {run_id}: {100.0 * np.mean(present):.0f} % of the samples are there, too few")
+    return _fitted(run_id, session, grid, weight, present, centre_m_s2)
+
+
+def _fitted(
+    run_id: str, session: Session, grid: Grid, weight: FloatArray, present: BoolArray, centre_m_s2: float
+) -> TestRun:
+    beside_hz = _frequencies_beside(session, grid.duration_s)
+    known_hz = _known_lines(session, grid.duration_s)
+    sums: list[FloatArray] = []
+    for start in range(0, len(grid.t_s), _CHUNK):
+        here = slice(max(start - 1, 0), start + _CHUNK + 1)
+        inner = slice(start - here.start, start - here.start + min(_CHUNK, len(grid.t_s) - start))
+        series = _series(session, grid, here, centre_m_s2)[inner]
+        at = slice(start, start + len(series))
+        design = _design(grid, at, known_hz)
+        w = weight[at]
+        rows = np.vstack([design, templates(grid.t_s[at], beside_hz)])
+        weighted = rows * w
+        parts = [weighted @ np.hstack([design.T, series]), weighted @ weighted.T]
+        sums = [a + b for a, b in zip(sums, parts, strict=True)] if sums else parts
+    cross, squares = sums
+    k = len(known_hz) * 2 + _SLOW + len(GRAVITY)
+    inverse = _inverse(run_id, cross[:k, :k])
+    fitted = inverse @ cross[:k, k:]
+    # What lines and levels do at the frequencies beside is taken out of what is found there.
+    takes = cross[k:, :k]
+    beside = cross[k:, k:] - takes @ fitted
+    rows = np.hstack([-takes @ inverse, np.eye(len(takes))])
+    unit = np.sqrt(np.einsum("ri,ij,rj->r", rows, squares, rows) / (2.0 * grid.step_s))
+    spread = np.sqrt(np.diag(inverse @ squares[:k, :k] @ inverse.T)[:2] / (2.0 * grid.step_s))
+    return TestRun(
+        run_id,
+        session,
+        grid.duration_s / session.orbit_period_s,
+        1.0 - float(np.mean(present)),
+        fitted[:2],
+        beside / unit[:, None],
+        spread,
+    )
+
+
+_SLOW = 3 + 2 * _WAVES
+"""A constant, a slope, a bend, and waves of the whole session."""
+
+
+def _design(grid: Grid, at: slice, known_hz: Sequence[float]) -> FloatArray:
+    t_s, duration_s = grid.t_s[at], grid.duration_s
+    x = 2.0 * (t_s - grid.t_s[0]) / duration_s - 1.0
+    slow = [np.ones_like(x), x, x**2]
+    waves = [wave / duration_s for wave in range(1, _WAVES + 1)]
+    gravity = [grid.columns[name][at] for name in GRAVITY]
+    return np.vstack([*gravity, *slow, templates(t_s, [*waves, *known_hz])])
+
+
+def _known_lines(session: Session, duration_s: float) -> list[float]:
+    """What gradient, drag and torque make besides: none within the band that tells the noise."""
+    n, spin, test = session.orbital_hz, session.spin_hz, session.orbital_hz + session.spin_hz
+    if spin == 0.0:
+        return [k * n for k in (2, 3, 4)]
+    wanted = [n, 2 * n, spin - n, spin, spin + 2 * n, spin + 3 * n, 2 * test - n, 2 * test, 2 * test + n]
+    kept: list[float] = []
+    for f_hz in sorted(wanted):
+        apart = min(abs(f_hz - other) for other in [0.0, test, *kept])
+        if apart * duration_s > _WAVES + 0.9 and f_hz > 0.0:
+            kept.append(f_hz)
+    return kept
+
+
+def _frequencies_beside(session: Session, duration_s: float) -> list[float]:
+    test = session.orbital_hz + session.spin_hz
+    widest = int(BESIDE_ORBITAL * session.orbital_hz * duration_s)
+    places = np.unique(np.linspace(2, max(widest, 3), _BESIDE // 2).astype(int))
+    return [test + sign * place / duration_s for place in places for sign in (-1.0, 1.0)]
+
+
+def _series(session: Session, grid: Grid, here: slice, centre_m_s2: float) -> FloatArray:
+    """`SERIES` of some samples, (samples, series): x counts from the calibration's level, T less turning."""
+    columns = {name: column[here] for name, column in grid.columns.items()}
+    columns["m1_x"] = columns["m1_x"] - centre_m_s2
+    columns["m2_x"] = columns["m2_x"] + centre_m_s2
+    if session.spin_hz:
+        columns.update(_less_inertia(session, grid.step_s, columns))
+    return raw_series(session, grid.t_s[here], columns)
+
+
+def _less_inertia(session: Session, step_s: float, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """T - In but for the angular acceleration, from the attitude's rates and the turning itself."""
+    spin = 2.0 * np.pi * session.spin_hz
+    x, y, z = (columns[f"att_{axis}"] for axis in "xyz")
+    wx, wy, wz = (np.gradient(angle, step_s) for angle in (x, y, z))
+    # Angles count from axes that turn by -spin about Y.
+    wx, wy, wz = wx - spin * z, wy - spin, wz + spin * x
+    return {
+        "t_xx": columns["t_xx"] + wy**2 + wz**2,
+        "t_yy": columns["t_yy"] + wx**2 + wz**2,
+        "t_zz": columns["t_zz"] + wx**2 + wy**2,
+        "t_xy": columns["t_xy"] - wx * wy,
+        "t_xz": columns["t_xz"] - wx * wz,
+        "t_yz": columns["t_yz"] - wy * wz,
+    }
+
+
+def _inverse(run_id: str, normal: FloatArray) -> FloatArray:
+    size = np.sqrt(np.diag(normal))
+    scaled = normal / np.outer(size, size)
+    values = np.linalg.eigvalsh(scaled)
+    if not values[0] > _SINGULAR * values[-1]:
+        raise DataError(f"run {run_id}: the samples cannot tell gravity from the lines beside it: record longer")
+    return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))

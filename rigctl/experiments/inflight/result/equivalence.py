@@ -1,0 +1,128 @@
+"""The equivalence principle's test: delta of each session, before and after correction with what was calibrated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.inflight.model.equation import AnyArray, coefficients
+from rigctl.experiments.inflight.model.parameters import NAMES, SHARED
+from rigctl.experiments.inflight.observe.equivalence import TestRun
+from rigctl.experiments.inflight.observe.series import INDEX, Amplitudes
+
+GRAVITY_M_S2 = 7.9
+"""What Table 1's accelerations are over, to the accuracy of a bound."""
+
+ALIKE = np.eye(SHARED)[len(NAMES)]
+"""Parameters of an instrument of which nothing is known: two masses alike, a_c11 = 1."""
+
+_STEP = 1e-40
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """Parameters of the baseline that all sessions share, (SHARED,), their covariance, and what no session sees of
+    each, as standard uncertainties (SHARED,)."""
+
+    values: FloatArray
+    covariance: FloatArray
+    systematic: FloatArray
+
+
+def equivalence(runs: Sequence[TestRun], calibrated: Calibrated) -> dict[str, Any]:
+    """The `ep` key of `rigctl result --json`: every session, and all together."""
+    each = {run.run_id: _session(run, calibrated) for run in runs}
+    return {**each, "combined": _combined(runs, calibrated)}
+
+
+def _session(run: TestRun, calibrated: Calibrated) -> dict[str, Any]:
+    values, noise = _estimate(run, calibrated.values[:, None])[:, 0], _density(run, calibrated.values)
+    slope = sensitivity(run, calibrated.values)
+    sigma_noise = math.sqrt(noise) * run.spread
+    sigma_calibration = math.sqrt(float(slope @ calibrated.covariance @ slope))
+    before = _estimate(run, ALIKE[:, None])[:, 0]
+    sigma_before = math.sqrt(_density(run, ALIKE)) * run.spread
+    return {
+        "session": run.session.name,
+        "f_ep_hz": run.test_hz,
+        "orbits": run.orbits,
+        "missing": run.missing,
+        "noise_dof": run.dof,
+        "delta": {
+            "value": float(values[0]),
+            "sigma": math.hypot(float(sigma_noise[0]), sigma_calibration),
+            "sigma_noise": float(sigma_noise[0]),
+            "sigma_calibration": sigma_calibration,
+            "systematic": float(np.linalg.norm(slope * calibrated.systematic)),
+        },
+        "quadrature": {"value": float(values[1]), "sigma": float(sigma_noise[1])},
+        "uncorrected": {"value": float(before[0]), "sigma": float(sigma_before[0])},
+        "rows": rows(run, calibrated),
+    }
+
+
+def rows(run: TestRun, calibrated: Calibrated) -> dict[str, dict[str, float]]:
+    """By parameter what it does in phase with gravity: `before` as it is, `after` by its standard uncertainty."""
+    slope = sensitivity(run, calibrated.values)
+    sigma = np.sqrt(np.diag(calibrated.covariance))
+    return {
+        name: {
+            "before_m_s2": GRAVITY_M_S2 * abs(float(slope[place] * calibrated.values[place])),
+            "after_m_s2": GRAVITY_M_S2 * abs(float(slope[place] * sigma[place])),
+        }
+        for place, name in enumerate(NAMES)
+    }
+
+
+def _combined(runs: Sequence[TestRun], calibrated: Calibrated) -> dict[str, Any]:
+    """Weighted by noise and by the calibration's covariance, which all sessions share."""
+    values = np.array([_estimate(run, calibrated.values[:, None])[0, 0] for run in runs])
+    slopes = np.array([sensitivity(run, calibrated.values) for run in runs])
+    noise = np.array([_density(run, calibrated.values) * run.spread[0] ** 2 for run in runs])
+    weight = np.linalg.solve(np.diag(noise) + slopes @ calibrated.covariance @ slopes.T, np.ones(len(runs)))
+    weight /= weight.sum()
+    parts = {
+        "sigma_noise": float(np.sqrt(weight**2 @ noise)),
+        "sigma_calibration": math.sqrt(float(weight @ slopes @ calibrated.covariance @ slopes.T @ weight)),
+    }
+    return {"delta": {"value": float(weight @ values), "sigma": math.hypot(*parts.values()), **parts}}
+
+
+def _equation(values: AnyArray, run: TestRun) -> AnyArray:
+    """Coefficients of left side less right side for parameters (SHARED, k), complex or not; (series, k)."""
+    # The level of the calibration is in the series already, and no stimulus makes another.
+    shown = Amplitudes(np.zeros((1, len(INDEX)), dtype=np.complex128), 0.0, 0.0)
+    return coefficients(run.session, shown, values)
+
+
+def _estimate(run: TestRun, values: AnyArray) -> AnyArray:
+    """delta and its quadrature for parameters (SHARED, k), (2, k)."""
+    made = run.amplitudes @ _equation(values, run)
+    ac11, ac13 = values[len(NAMES)], values[NAMES.index("ac13_rad")]
+    # 2 m_dx has delta (a_c11 g_x + a_c13 g_z): a_c11 is known to a hundredth, and so is delta.
+    delta = made[0] / ac11
+    return np.stack([delta, made[1] / ac11 - delta * ac13 / ac11])
+
+
+def sensitivity(run: TestRun, values: FloatArray) -> FloatArray:
+    """d delta / d parameters, (SHARED,)."""
+    stepped = values[:, None] + 1j * _STEP * np.eye(SHARED)
+    return np.asarray(np.imag(_estimate(run, stepped)[0]) / _STEP)
+
+
+def _density(run: TestRun, values: FloatArray) -> float:
+    """One-sided density of what is left beside the test's frequency, (m/s2)^2/Hz."""
+    return float(np.mean((run.beside @ _equation(values[:, None], run)[:, 0]) ** 2))
+
+
+def calibrated_of(values: FloatArray, covariance: FloatArray, systematic: Mapping[str, float]) -> Calibrated:
+    """From a fit of the baseline, whose first parameters all sessions share."""
+    beyond = np.zeros(SHARED)
+    for name, value in systematic.items():
+        beyond[NAMES.index(name)] = value
+    return Calibrated(values[:SHARED], covariance[:SHARED, :SHARED], beyond)

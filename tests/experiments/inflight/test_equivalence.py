@@ -1,0 +1,143 @@
+"""The test of the equivalence principle, on simulated satellites that share nothing with the analysis."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rigctl.core.errors import DataError
+from rigctl.core.satellites import FlightSession
+from rigctl.experiments.inflight.model.parameters import NAMES, SHARED
+from rigctl.experiments.inflight.observe.equivalence import reduce_test
+from rigctl.experiments.inflight.result.equivalence import Calibrated, calibrated_of, equivalence
+from simulators.worlds.satellite.ensemble import Ensemble
+from simulators.worlds.satellite.instrument import drawn, exact_truth, operating_point
+from simulators.worlds.satellite.settings import SatelliteSettings
+
+ORBIT_S, ECCENTRICITY, STEP_S = 5950.0, 5e-3, 0.25
+SPIN_HZ = 17.5 / ORBIT_S
+EARTH_M3_S2 = 3.986004418e14
+PULL_M_S2 = (EARTH_M3_S2 * (2.0 * np.pi / ORBIT_S) ** 4) ** (1.0 / 3.0)
+SESSIONS = {"ep_inertial": 0.0, "ep_spin": SPIN_HZ}
+
+
+def nature(**more):
+    return SatelliteSettings.model_validate({"kind": "drag-free-satellite", "seed": 17, **more})
+
+
+def flown(settings, session, draws=(0,), orbits=8):
+    """Samples of some draws as a store has them."""
+    ensemble = Ensemble(settings)
+    asked = FlightSession(orbits * ORBIT_S, spin_hz=SESSIONS[session])
+    told = np.concatenate([part.copy() for part in ensemble.telemetry(draws, 1, asked, 4096)])
+    t_s = STEP_S * np.arange(len(told))
+    return [{"t_s": t_s, **dict(zip(ensemble.columns, told[:, :, k].T, strict=True))} for k in range(len(draws))]
+
+
+def known(settings, draw=0):
+    """What a perfect calibration would find, and the level of m_dx while it was flown."""
+    instrument = drawn(settings, draw)
+    exact, a0 = exact_truth(instrument, settings), operating_point(instrument, settings)
+    one, two = instrument.matrices
+    ratio = (one - two) @ np.linalg.inv(one + two)
+    values = np.zeros(SHARED)
+    values[: len(NAMES)] = [exact[name] for name in NAMES]
+    values[len(NAMES)] = (0.5 * (one + two) - 0.5 * ratio @ (one - two))[0, 0]
+    measured = [
+        instrument.bias_m_s2[k]
+        + instrument.matrices[k] @ (a0[k] - instrument.parasitic_m_s2[k])
+        + instrument.couplings[k] @ instrument.parasitic_m_s2[k]
+        + instrument.quadratic_s2_m[k] * a0[k] ** 2
+        for k in (0, 1)
+    ]
+    return Calibrated(values, np.zeros((SHARED, SHARED)), np.zeros(SHARED)), 0.5 * (measured[0] - measured[1])[0]
+
+
+def outcome(samples, session, calibrated, level):
+    conditions = {"session": session, "spin_frequency_hz": SESSIONS[session]}
+    return equivalence([reduce_test("1", conditions, samples, ORBIT_S, level)], calibrated)["1"]
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+def test_a_violation_is_found_to_the_last_digit_without_noise(session):
+    hidden = -3e-14
+    settings = nature(noise_on=False, eotvos=hidden, bounds={"tracker_bias_rad": 0.0})
+    calibrated, level = known(settings)
+    found = outcome(flown(settings, session)[0], session, calibrated, level)
+    # Along Z a_c13 delta acts; the rest of a thousandth is a_c1 of the same size against the exact small signals.
+    assert found["delta"]["value"] == pytest.approx(hidden, rel=1e-3)
+    assert abs(found["quadrature"]["value"]) < 1e-3 * abs(hidden)
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+def test_uncorrected_the_off_centring_is_a_violation_where_pointing_is_inertial(session):
+    nothing = dict.fromkeys(
+        ("scale", "theta_c_rad", "theta_d_rad", "eta_rad", "quadratic_s2_m", "tracker_bias_rad", "thruster"), 0.0
+    )
+    settings = nature(noise_on=False, bounds=nothing)
+    calibrated, level = known(settings)
+    found = outcome(flown(settings, session)[0], session, calibrated, level)
+    dx, _, dz = drawn(settings, 0).delta_m
+    # Hardy et al., table 1: T_xx and T_xz have 3/4 e n^2 at the orbit's frequency, cosine and minus sine, the pull
+    # is against r.
+    expected = -0.75 * ECCENTRICITY * (2.0 * np.pi / ORBIT_S) ** 2 * dx / PULL_M_S2
+    inertial = session == "ep_inertial"
+    assert found["uncorrected"]["value"] == pytest.approx(expected if inertial else 0.0, rel=0.02, abs=2e-17)
+    assert found["rows"]["ac11_dx_m"]["before_m_s2"] == pytest.approx(
+        abs(expected) * PULL_M_S2 if inertial else 0.0, rel=0.02, abs=2e-16
+    )
+    assert abs(dz) > 1e-6
+    assert abs(found["delta"]["value"]) < 1e-19
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+def test_errors_are_as_large_as_stated(session):
+    draws = tuple(range(12))
+    settings = nature(eotvos=1e-14)
+    p_values = []
+    for draw, samples in zip(draws, flown(settings, session, draws), strict=True):
+        calibrated, level = known(settings, draw)
+        found = outcome(samples, session, calibrated, level)
+        pull = (found["delta"]["value"] - settings.eotvos) / found["delta"]["sigma_noise"]
+        # Amplitudes beside the line tell the noise, and they are few in so short a session.
+        p_values.append(stats.t.cdf(pull, found["noise_dof"]))
+    pulls = stats.norm.ppf(p_values)
+    assert abs(np.mean(pulls)) < 3.3 / np.sqrt(len(draws))
+    assert 1e-3 < stats.chi2.cdf(np.sum(np.square(pulls)), len(draws)) < 1.0 - 1e-3
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+def test_gaps_shift_nothing_and_cost_what_is_missing(session):
+    settings = nature(noise_on=False, eotvos=1e-14, bounds={"tracker_bias_rad": 0.0})
+    gappy = settings.model_copy(update={"missing": settings.missing.model_copy(update={"fraction": 0.05})})
+    calibrated, level = known(settings)
+    conditions = {"session": session, "spin_frequency_hz": SESSIONS[session]}
+    whole, patchy = (
+        reduce_test("1", conditions, flown(each, session)[0], ORBIT_S, level) for each in (settings, gappy)
+    )
+    assert patchy.missing == pytest.approx(0.05, abs=2e-3)
+    assert whole.spread[0] < patchy.spread[0] < 1.1 * whole.spread[0]
+    found = [equivalence([each], calibrated)["1"]["delta"]["value"] for each in (whole, patchy)]
+    assert found[1] == pytest.approx(found[0], abs=1e-18)
+
+
+def test_the_calibration_s_uncertainty_is_counted_and_shared_by_all_sessions():
+    settings = nature()
+    calibrated, level = known(settings)
+    samples = flown(settings, "ep_inertial")[0]
+    sigma = 1e-7
+    covariance = np.zeros((SHARED, SHARED))
+    covariance[0, 0] = sigma**2
+    again = calibrated_of(calibrated.values, covariance, {})
+    run = reduce_test("1", {"session": "ep_inertial"}, samples, ORBIT_S, level)
+    both = equivalence([run, run], again)
+    # Hardy et al., table 1: T_xx at the test's frequency.
+    expected = sigma * 0.75 * ECCENTRICITY * (2.0 * np.pi / ORBIT_S) ** 2 / PULL_M_S2
+    assert both["1"]["delta"]["sigma_calibration"] == pytest.approx(expected, rel=0.02)
+    one, total = equivalence([run], again)["combined"]["delta"], both["combined"]["delta"]
+    assert total["sigma_calibration"] == pytest.approx(one["sigma_calibration"])
+
+
+def test_what_cannot_be_a_session_of_the_test_is_refused_in_a_line():
+    t_s = STEP_S * np.arange(1000)
+    with pytest.raises(DataError, match="column g_x is missing"):
+        reduce_test("7", {"session": "ep_inertial"}, {"t_s": t_s}, ORBIT_S, 0.0)
