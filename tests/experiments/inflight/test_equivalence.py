@@ -6,6 +6,7 @@ from scipy import stats
 
 from rigctl.core.errors import DataError
 from rigctl.core.satellites import FlightSession
+from rigctl.experiments.inflight.model.equivalence_runs import tested as masked
 from rigctl.experiments.inflight.model.parameters import NAMES, SHARED
 from rigctl.experiments.inflight.observe.equivalence import reduce_test
 from rigctl.experiments.inflight.result.equivalence import Calibrated, calibrated_of, equivalence
@@ -118,6 +119,28 @@ def test_gaps_shift_nothing_and_cost_what_is_missing(session):
     assert whole.spread[0] < patchy.spread[0] < 1.1 * whole.spread[0]
     found = [equivalence([each], calibrated)["1"]["delta"]["value"] for each in (whole, patchy)]
     assert found[1] == pytest.approx(found[0], abs=1e-18)
+
+
+def test_glitches_are_masked_and_shift_nothing_beyond_the_noise():
+    session = "ep_inertial"
+    settings = nature(eotvos=1e-14)
+    cracking = {"glitches": {"amplitude": 1e-7, "per_orbit": 5.0, "phased": 1.0, "ratio": 0.1}}
+    glitchy = settings.model_copy(update={"effects": cracking, "range_m_s2": 1e-4})
+    calibrated, level = known(settings)
+    quiet, loud = (flown(each, session)[0] for each in (settings, glitchy))
+    unmasked = outcome(loud, session, calibrated, level)["delta"]
+    found = [
+        equivalence([masked("1", {"session": session}, each, ORBIT_S, level)], calibrated)["1"]
+        for each in (quiet, loud)
+    ]
+    assert found[0]["pulses"] == 0
+    # Five in each of eight orbits, some too small to be seen; the loop, struck by the largest, rings once more.
+    assert found[1]["pulses"] >= 30
+    before, after = (each["delta"] for each in found)
+    assert abs(unmasked["value"] - before["value"]) > 10.0 * before["sigma_noise"]
+    assert after["sigma_noise"] < 1.1 * before["sigma_noise"]
+    # The same noise but for the masked part, whose share of sigma is its root.
+    assert abs(after["value"] - before["value"]) < 4.0 * before["sigma_noise"] * np.sqrt(found[1]["missing"])
 
 
 def test_the_calibration_s_uncertainty_is_counted_and_shared_by_all_sessions():

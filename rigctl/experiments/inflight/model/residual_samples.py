@@ -82,21 +82,31 @@ class RunScan:
 def scan(run: ReducedRun, samples: Mapping[str, FloatArray], values: FloatArray) -> RunScan:
     """Look through a run with the baseline at `values`."""
     grid = grid_of(run.run_id, {name: samples[name] for name in ("t_s", *NEEDED)})
-    left = _without_lines(run, grid, residual(run, grid, values))
+    lines_hz = [run.session.frequency_of(line) for line in run.session.reduced_lines(grid.duration_s)]
+    left = _without_lines(lines_hz, grid, residual(run, grid, values))
     rate_hz = 1.0 / grid.step_s
     levels, at_s = _levels(left, grid)
     f_hz, density = _density(left, grid.present, rate_hz)
     pulses = [_pulses(left, grid, f_hz, density)]
     for axis in "yz":
-        beside = _without_lines(run, grid, across(grid, axis))
+        beside = _without_lines(lines_hz, grid, across(grid, axis))
         # Where no noise is, rounding is none: a sensor is hardly better across its axis than along it.
         noise = np.maximum(_density(beside, grid.present, rate_hz)[1], float(np.min(density)))
         pulses.append(_pulses(beside, grid, f_hz, noise))
     return RunScan(run.run_id, _combined(pulses), _peak(run, left, grid), levels, at_s)
 
 
+def pulses_between(grid: Grid, lines_hz: Sequence[float]) -> Pulses:
+    """Pulses in the masses' differences along all axes, whatever is calibrated."""
+    found = []
+    for axis in "xyz":
+        left = _without_lines(lines_hz, grid, across(grid, axis))
+        found.append(_pulses(left, grid, *_density(left, grid.present, 1.0 / grid.step_s)))
+    return _combined(found)
+
+
 def across(grid: Grid, axis: str) -> FloatArray:
-    """The masses' difference along Y or Z, less what they have in common; zero where samples miss.
+    """The masses' difference along an axis, less what they have in common; zero where samples miss.
 
     The ratio of their gains follows from the steps of what shakes both: the thrusters' noise, above all lines.
     """
@@ -150,10 +160,8 @@ def steadiness(levels: Sequence[FloatArray]) -> Steadiness | None:
     return Steadiness(scatter, 0.5 * float(np.mean(steps**2)), count - len(logs))
 
 
-def _without_lines(run: ReducedRun, grid: Grid, left: FloatArray) -> FloatArray:
-    """Less the run's lines, a constant and a slope, fitted to a few seconds a sample."""
-    session = run.session
-    lines_hz = [session.frequency_of(line) for line in session.reduced_lines(grid.duration_s)]
+def _without_lines(lines_hz: Sequence[float], grid: Grid, left: FloatArray) -> FloatArray:
+    """Less a run's lines, a constant and a slope, fitted to a few seconds a sample."""
     every = max(round(_FITTED_S / grid.step_s), 1)
     count = len(left) // every
     means = np.where(grid.present, left, 0.0)[: count * every].reshape(count, every).mean(axis=1)

@@ -35,7 +35,8 @@ _SINGULAR = 1e-10
 class TestRun:
     """A reduced session: `amplitudes` (2, series) of each series on g_x and g_z [per m/s2], `spread` (2,) the
     standard uncertainty of one in noise of unit density, `beside` (2 lines, series) cosines and sines near the test's
-    frequency, scaled so that their variance is the density. `missing` is a fraction."""
+    frequency, scaled so that their variance is the density. `missing` is a fraction, and counts what is masked
+    about `pulses`."""
 
     __test__ = False
 
@@ -46,6 +47,7 @@ class TestRun:
     amplitudes: FloatArray
     beside: FloatArray
     spread: FloatArray
+    pulses: int = 0
 
     @property
     def dof(self) -> int:
@@ -89,7 +91,7 @@ def _fitted(
     run_id: str, session: Session, grid: Grid, weight: FloatArray, present: BoolArray, centre_m_s2: float
 ) -> TestRun:
     beside_hz = _frequencies_beside(session, grid.duration_s)
-    known_hz = _known_lines(session, grid.duration_s)
+    known_hz = known_lines(session, grid.duration_s)
     sums: list[FloatArray] = []
     for start in range(0, len(grid.t_s), _CHUNK):
         here = slice(max(start - 1, 0), start + _CHUNK + 1)
@@ -136,7 +138,7 @@ def _design(grid: Grid, at: slice, known_hz: Sequence[float]) -> FloatArray:
     return np.vstack([*gravity, *slow, templates(t_s, [*waves, *known_hz])])
 
 
-def _known_lines(session: Session, duration_s: float) -> list[float]:
+def known_lines(session: Session, duration_s: float) -> list[float]:
     """What gradient, drag and torque make besides: none within the band that tells the noise."""
     n, spin, test = session.orbital_hz, session.spin_hz, session.orbital_hz + session.spin_hz
     if spin == 0.0:

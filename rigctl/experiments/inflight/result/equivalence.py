@@ -52,6 +52,7 @@ def _session(run: TestRun, calibrated: Calibrated) -> dict[str, Any]:
         "f_ep_hz": run.test_hz,
         "orbits": run.orbits,
         "missing": run.missing,
+        "pulses": run.pulses,
         "noise_dof": run.dof,
         "delta": {
             "value": float(values[0]),
