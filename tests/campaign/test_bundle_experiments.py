@@ -76,7 +76,8 @@ INFLIGHT_FLAWS = [
         2,
         "session",
         "dq",
-        "line 2: session is 'dq'; write dx, dz, dx+dz, dy, ac12, ac13, ad11, ad12, ad13, k2d, k2c_1 or k2c_2",
+        "line 2: session is 'dq'; write dx, dz, dx+dz, dy, ac12, ac13, ad11, ad12, ad13, k2d, k2c_1, "
+        "k2c_2, ep_inertial or ep_spin",
     ),
     (
         3,

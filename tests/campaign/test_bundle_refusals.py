@@ -22,18 +22,19 @@ HEADER_FLAWS = [
         '"sensing-axis"',
         '"sensing"',
         "recording.toml, line 2: experiment 'sensing' is unknown; write sensing-axis, rotating-platform, "
-        "inflight-calibration or table",
+        "inflight-calibration, table or frequency-response",
     ),
     (
         '"sensing-axis"',
         "[1]",
         "recording.toml, line 2: experiment [1] is unknown; write sensing-axis, "
-        "rotating-platform, inflight-calibration or table",
+        "rotating-platform, inflight-calibration, table or frequency-response",
     ),
     (
         'experiment = "sensing-axis"\n',
         "",
-        "recording.toml: experiment is missing; write sensing-axis, rotating-platform, inflight-calibration or table",
+        "recording.toml: experiment is missing; write sensing-axis, rotating-platform, inflight-calibration, table "
+        "or frequency-response",
     ),
     (
         "2026-11-21T01:00:00Z",
