@@ -9,7 +9,7 @@ from typing import Any
 from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.inflight.model.equivalence_runs import runs_of_test
+from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
 from rigctl.experiments.inflight.observe.sessions import QUADRATIC
 from rigctl.experiments.inflight.observe.store_reduction import reduction
 from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence

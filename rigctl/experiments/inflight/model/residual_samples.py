@@ -13,12 +13,11 @@ from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.experiments.inflight.model.equation import coefficients
 from rigctl.experiments.inflight.model.parameters import SHARED
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of
+from rigctl.experiments.inflight.observe.pulses import FALL_S, RISE_S
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import AFTER_S, NEEDED, raw_series
 from rigctl.experiments.inflight.observe.weights import taper, templates
 
-# Of crackling in orbit: e^(-t / 3 s) - e^(-t / 1 s).
-RISE_S, FALL_S = 1.0, 3.0
 # By chance once in fifty calibrations: 2e-9 at each of ten million places.
 THRESHOLD_SIGMA = 6.0
 EDGE_S = 12.0
@@ -94,15 +93,6 @@ def scan(run: ReducedRun, samples: Mapping[str, FloatArray], values: FloatArray)
         noise = np.maximum(_density(beside, grid.present, rate_hz)[1], float(np.min(density)))
         pulses.append(_pulses(beside, grid, f_hz, noise))
     return RunScan(run.run_id, _combined(pulses), _peak(run, left, grid), levels, at_s)
-
-
-def pulses_between(grid: Grid, lines_hz: Sequence[float]) -> Pulses:
-    """Pulses in the masses' differences along all axes, whatever is calibrated."""
-    found = []
-    for axis in "xyz":
-        left = _without_lines(lines_hz, grid, across(grid, axis))
-        found.append(_pulses(left, grid, *_density(left, grid.present, 1.0 / grid.step_s)))
-    return _combined(found)
 
 
 def across(grid: Grid, axis: str) -> FloatArray:

@@ -9,14 +9,15 @@ where nothing is to be expected, tell the noise.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of
-from rigctl.experiments.inflight.observe.series import raw_series, without_pulses
+from rigctl.experiments.inflight.observe.pulses import pulses_of
+from rigctl.experiments.inflight.observe.series import covered, raw_series
 from rigctl.experiments.inflight.observe.sessions import Session, session_of
 from rigctl.experiments.inflight.observe.weights import FEWEST_SAMPLES, taper, templates
 
@@ -66,30 +67,31 @@ def reduce_test(
     samples: Mapping[str, FloatArray],
     orbit_period_s: float,
     centre_m_s2: float,
-    pulses_s: FloatArray | None = None,
 ) -> TestRun:
-    """Reduce a session; `DataError` when it is too short, too patchy, or has no gravity in its telemetry.
+    """Reduce a session without the pulses that it shows; `DataError` when it is too short, too patchy, or has no
+    gravity in its telemetry.
 
     `centre_m_s2` is the level of m_dx while the calibration was flown: quadratic factors count from there.
     """
     absent = [name for name in GRAVITY if name not in samples]
     if absent:
         raise DataError(f"run {run_id}: column {absent[0]} is missing; add gravity as orbit and attitude give it")
-    grid = grid_of(run_id, without_pulses(samples, pulses_s))
+    grid = grid_of(run_id, samples)
     session = session_of(run_id, conditions, orbit_period_s, grid.step_s)
     orbits = grid.duration_s / orbit_period_s
     if orbits < FEWEST_ORBITS:
         raise DataError(f"run {run_id}: {orbits:.3g} orbits are too short; record at least {FEWEST_ORBITS:g}")
     present = grid.present & np.all([np.isfinite(grid.columns[name]) for name in GRAVITY], axis=0)
-    weight = taper(present, grid.step_s)
-    if np.count_nonzero(weight) < FEWEST_SAMPLES * len(weight):
+    if np.count_nonzero(taper(present, grid.step_s)) < FEWEST_SAMPLES * len(present):
         raise DataError(f"run {run_id}: {100.0 * np.mean(present):.0f} % of the samples are there, too few")
-    return _fitted(run_id, session, grid, weight, present, centre_m_s2)
+    known_hz = known_lines(session, grid.duration_s)
+    pulses_s = pulses_of(grid, [session.orbital_hz + session.spin_hz, *known_hz])
+    present &= ~covered(grid.t_s, pulses_s)
+    return replace(_fitted(run_id, session, grid, present, centre_m_s2), pulses=len(pulses_s))
 
 
-def _fitted(
-    run_id: str, session: Session, grid: Grid, weight: FloatArray, present: BoolArray, centre_m_s2: float
-) -> TestRun:
+def _fitted(run_id: str, session: Session, grid: Grid, present: BoolArray, centre_m_s2: float) -> TestRun:
+    weight = taper(present, grid.step_s)
     beside_hz = _frequencies_beside(session, grid.duration_s)
     known_hz = known_lines(session, grid.duration_s)
     sums: list[FloatArray] = []

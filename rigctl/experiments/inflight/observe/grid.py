@@ -78,16 +78,26 @@ def grid_of(run_id: str, samples: Mapping[str, FloatArray]) -> Grid:
     return Grid(t_s[0] + np.arange(len(present)) * step_s, columns, present)
 
 
-def thinned(grid: Grid) -> Grid:
-    """Averages under a smooth bell about every few seconds; the same for all columns, so that what is linear holds.
-
-    The bell (a boxcar with itself, four times) keeps read-out noise from folding down to the lines.
-    """
-    every = max(round(THINNED_S / grid.step_s), 1)
+def bell(step_s: float, thinned_step_s: float = THINNED_S) -> FloatArray:
+    """What thinned columns are averaged under, a weight per sample; its sum is 1."""
+    every = _every(step_s, thinned_step_s)
     # Zeros of fourth order at every multiple of the thinned rate, where noise would fold onto zero.
     kernel = np.ones(1)
     for _ in range(_STAGES):
         kernel = np.convolve(kernel, np.ones(every) / every)
+    return kernel
+
+
+def _every(step_s: float, thinned_step_s: float) -> int:
+    return max(round(thinned_step_s / step_s), 1)
+
+
+def thinned(grid: Grid, thinned_step_s: float = THINNED_S) -> Grid:
+    """Averages under a smooth bell about every few seconds; the same for all columns, so that what is linear holds.
+
+    The bell (a boxcar with itself, four times) keeps read-out noise from folding down to the lines.
+    """
+    every, kernel = _every(grid.step_s, thinned_step_s), bell(grid.step_s, thinned_step_s)
     weight = grid.present.astype(np.float64)
     met = signal.upfirdn(kernel, weight, down=every)
     used = met > _WHOLE

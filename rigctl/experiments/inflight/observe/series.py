@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigctl.core.arrays import ComplexArray, FloatArray
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.units import ABSOLUTE_ZERO_C
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 
@@ -160,12 +160,19 @@ BEFORE_S, AFTER_S = 3.0, 30.0
 """So long before and after its beginning a pulse covers samples."""
 
 
+def covered(t_s: FloatArray, pulses_s: Sequence[float] | FloatArray, reach_s: float = 0.0) -> BoolArray:
+    """Which samples, in order of time, pulses beginning at `pulses_s` cover; `reach_s` more where those are averages
+    over so much on either side."""
+    hidden = np.zeros(len(t_s), dtype=bool)
+    for begin_s in pulses_s:
+        first, last = np.searchsorted(t_s, [begin_s - BEFORE_S - reach_s, begin_s + AFTER_S + reach_s])
+        hidden[first:last] = True
+    return hidden
+
+
 def without_pulses(samples: Mapping[str, FloatArray], pulses_s: FloatArray | None) -> Mapping[str, FloatArray]:
     """The samples without those that pulses beginning at `pulses_s` cover; None for a run without pulses."""
     if pulses_s is None:
         return samples
-    t_s = samples["t_s"]
-    hidden = np.zeros(len(t_s), dtype=bool)
-    for begin_s in pulses_s:
-        hidden |= (t_s > begin_s - BEFORE_S) & (t_s < begin_s + AFTER_S)
+    hidden = covered(samples["t_s"], pulses_s)
     return {name: column if name == "t_s" else np.where(hidden, np.nan, column) for name, column in samples.items()}

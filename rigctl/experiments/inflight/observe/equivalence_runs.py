@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from rigctl.analysis.kept import Kept, Packed, Recipe, Reduction, each_reduced
 from rigctl.campaign.recording import RunRecord, RunSource
-from rigctl.core.arrays import FloatArray
-from rigctl.experiments.inflight.model.residual_samples import pulses_between
-from rigctl.experiments.inflight.observe.equivalence import TestRun, known_lines, reduce_test
-from rigctl.experiments.inflight.observe.grid import grid_of
-from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, Session, session_of
+from rigctl.experiments.inflight.observe.equivalence import TestRun, reduce_test
+from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, Session
 from rigctl.experiments.inflight.observe.store_reduction import orbit_period_of
 
-RECIPE = Recipe("inflight-equivalence", 2)
-"""Its version is counted up whenever equivalence.py would give other numbers."""
+RECIPE = Recipe("inflight-equivalence", 3)
+"""Its version is counted up whenever equivalence.py or pulses.py would give other numbers."""
 
 
 def runs_of_test(source: RunSource, centre_m_s2: float) -> Reduction[TestRun]:
@@ -29,25 +25,9 @@ def runs_of_test(source: RunSource, centre_m_s2: float) -> Reduction[TestRun]:
 
     def make(record: RunRecord) -> Packed:
         orbit_s, samples = orbit_period_of(source), source.samples(record.run_id)
-        return _packed(tested(record.run_id, record.conditions, samples, orbit_s, centre_m_s2))
+        return _packed(reduce_test(record.run_id, record.conditions, samples, orbit_s, centre_m_s2))
 
     return Reduction.of(each_reduced(Kept(source, recipe), records, make, _unpacked, None))
-
-
-def tested(
-    run_id: str,
-    conditions: Mapping[str, object],
-    samples: Mapping[str, FloatArray],
-    orbit_period_s: float,
-    centre_m_s2: float,
-) -> TestRun:
-    """A session reduced without the pulses that its samples show; `DataError` as `reduce_test` says."""
-    grid = grid_of(run_id, samples)
-    session = session_of(run_id, conditions, orbit_period_s, grid.step_s)
-    lines_hz = [session.orbital_hz + session.spin_hz, *known_lines(session, grid.duration_s)]
-    pulses = pulses_between(grid, lines_hz)
-    run = reduce_test(run_id, conditions, samples, orbit_period_s, centre_m_s2, pulses.at_s)
-    return replace(run, pulses=len(pulses.at_s))
 
 
 def _packed(run: TestRun) -> Packed:
