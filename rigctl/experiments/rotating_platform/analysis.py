@@ -12,8 +12,9 @@ from rigctl.effects.plugins import Plugin
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.store_reduction import reduction
 from rigctl.experiments.rotating_platform.result.alignment import Value
-from rigctl.experiments.rotating_platform.result.bench_runs import flips, noise_records, scans
-from rigctl.experiments.rotating_platform.result.result import PlatformResult, chain_noise, platform_result
+from rigctl.experiments.rotating_platform.result.bench_runs import flips, scans
+from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise, noise_records
+from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.verdict.fit import parameters_of
 from rigctl.workbench.workbench import Workbench
@@ -32,10 +33,11 @@ def study(source: RunSource, plugins: Sequence[Plugin]) -> PlatformStudy:
 def result(workbench: Workbench) -> dict[str, Any]:
     """Tilt gain, accelerations, wobbles; of every run means and precision; scans, flips and noise records."""
     store, believed = workbench.store, chains(workbench.store.header)
-    scanned, _ = scans(store, believed)
+    told = analyse(workbench)
+    scanned, _ = scans(store, believed, told.chain_noise)
     turned = flips(store, believed)
     return {
-        **analyse(workbench).as_json(),
+        **told.as_json(),
         "scans": [each.as_json() for each in scanned],
         "flips": {channel: flipped.as_json() for channel, flipped in turned.items()},
     }

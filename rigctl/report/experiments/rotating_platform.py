@@ -8,8 +8,9 @@ from typing import Any
 
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.experiments.rotating_platform.analysis import analyse
-from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, chains
 from rigctl.experiments.rotating_platform.result.bench_runs import scans
+from rigctl.experiments.rotating_platform.result.chain_noise import AS_PRINTED
 from rigctl.experiments.rotating_platform.result.published import SCAN_M_S2, scanned_alike
 from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
@@ -26,12 +27,13 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
 
     del lines_hz, found
     believed = chains(workbench.store.header)
-    scanned, why_not = scans(workbench.store, believed)
-    # Without an analysis the scans, which need none, are still told.
     try:
         result = analyse(workbench)
     except (ProcedureError, DataError) as error:
+        # What is wrong with a scan is told without an analysis: it is so under any noise.
+        _, why_not = scans(workbench.store, believed, dict.fromkeys(CHANNELS, AS_PRINTED))
         return Drawn(left_out={"figures of the platform": str(error), **why_not})
+    scanned, why_not = scans(workbench.store, believed, result.chain_noise)
     plates, left_out = plates_of(result, believed, scanned)
     numbers = result.as_json()
     return Drawn(numbers, plates, left_out={**left_out, **why_not})

@@ -140,7 +140,7 @@ def test_sigmas_of_the_axes_are_their_scatter_for_uneven_angles_too():
     theta, sigma = np.radians([0.0, 20.0, 35.0, 50.0, 80.0, 120.0]), np.full(6, 1e-6)
 
     def scanned(amplitude, phase):
-        return angle_scan(theta, amplitude * np.cos(theta - phase) + sigma * rng.normal(size=6), sigma)
+        return angle_scan(theta, amplitude * np.cos(theta - phase) + sigma * rng.normal(size=6), np.diag(sigma**2))
 
     found = [axes(scanned(2e-3, 0.7), scanned(1e-3, 0.7 - 0.5 * math.pi)) for _ in range(3000)]
     for name in ("amplitude_ratio", "nonorthogonality_rad"):

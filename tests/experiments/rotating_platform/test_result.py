@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from benchmarks.platform_sampler import Columns, SampledRun, sampled
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
@@ -16,12 +19,16 @@ from rigctl.experiments.rotating_platform.observe.noise_fit import fit_noise
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.spectrum import noise_spectrum
 from rigctl.experiments.rotating_platform.result.alignment import Value
-from rigctl.experiments.rotating_platform.result.bench_runs import NoiseRecord, flips, noise_records, scans
-from rigctl.experiments.rotating_platform.result.result import (
+from rigctl.experiments.rotating_platform.result.bench_runs import flips, scans
+from rigctl.experiments.rotating_platform.result.chain_noise import (
     EQUATION_1,
     ChainNoise,
-    PlatformResult,
+    NoiseRecord,
     chain_noise,
+    noise_records,
+)
+from rigctl.experiments.rotating_platform.result.result import (
+    PlatformResult,
     platform_result,
 )
 from rigctl.experiments.rotating_platform.study import PlatformStudy
@@ -187,7 +194,7 @@ def test_a_scan_gives_the_axes() -> None:
         {"kind": "rotating-platform", "seed": 5, "effects": {"cross-axis": {"k[z]": 0.0435}}}
     )
     recording = sampled(nature, [SampledRun(angles_deg=angles, dwell_s=120.0)])
-    (scan,), left_out = scans(recording, chains(recording.header))
+    (scan,), left_out = scans(recording, chains(recording.header), chain_noise(recording.header, ()))
     assert not left_out
     assert scan.theta_rad.size == 12
     assert scan.fits["y"].value("cos") == pytest.approx(-2.98e-4, abs=2e-5)
@@ -198,6 +205,26 @@ def test_a_scan_gives_the_axes() -> None:
     assert noise_records(recording) == ([], {})
 
 
+def test_uncertainties_of_scans_are_their_scatter_under_a_wandering_bias() -> None:
+    """A bias wanders from dwell to dwell; seeds are twins, with the noise that the paper prints of a Q-Flex."""
+    angles = tuple(float(angle) for angle in range(0, 360, 30))
+    count, nature = 50, np.array([2.8757e-4 - 0.964 * 0.5 / 825.0, 2.98e-4])
+    constants = {f"noise_{part}_q_a": value for part, value in vars(Q_FLEX_NOISE_V).items()}
+    by_known, by_scatter = np.empty((2, count, 2))
+    for seed in range(count):
+        settings = PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 100 + seed})
+        recording = sampled(settings, [SampledRun(angles_deg=angles, dwell_s=60.0, v_z_v=-0.5)])
+        for pulls, more in ((by_known, constants), (by_scatter, {})):
+            header = replace(recording.header, constants={**recording.header.constants, **more})
+            (scan,), _ = scans(recording, chains(header), chain_noise(header, ()))
+            fit = scan.fits["z"]
+            pulls[seed] = (fit.values[1:] - nature) / np.sqrt(np.diag(fit.covariance)[1:])
+    # Of a level from the residuals of twelve angles: the mean square of a twin's two pulls is as F(2, 9).
+    for pulls, law in ((by_known, stats.f(2, 1e9)), (by_scatter, stats.f(2, 9))):
+        assert abs((pulls**2).mean() - law.mean()) < 3.3 * law.std() / math.sqrt(count)
+        assert abs(pulls.mean()) < 3.3 * math.sqrt(law.mean() / (2 * count))
+
+
 def test_a_dwell_without_samples_is_left_out_of_a_scan() -> None:
     angles = tuple(float(angle) for angle in range(0, 360, 30))
     nature = PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 5, **SILENT})
@@ -206,7 +233,7 @@ def test_a_dwell_without_samples_is_left_out_of_a_scan() -> None:
         return {**columns, "q_b_v": np.where(np.arange(len(columns["q_b_v"])) < 650, np.nan, columns["q_b_v"])}
 
     recording = sampled(nature, [SampledRun(angles_deg=angles, dwell_s=60.0)], lose)
-    (scan,), left_out = scans(recording, chains(recording.header))
+    (scan,), left_out = scans(recording, chains(recording.header), chain_noise(recording.header, ()))
     assert not left_out
     assert scan.theta_rad.size == 11
     assert np.isfinite(scan.readings_m_s2["y"]).all()

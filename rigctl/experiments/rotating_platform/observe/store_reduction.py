@@ -121,6 +121,16 @@ def samples_of(source: RunSource, run: PlatformRun, lines_hz: Sequence[float]) -
     yield from without_lines(samples_of(source, run, ()), believed, lines_hz, sizes)
 
 
+def records_of(source: RunSource, pattern: str) -> list[RunRecord]:
+    """The valid runs of a pattern that is not modulated: flips, scans, noise records."""
+    return [record for record in source.runs(valid_only=True) if record.conditions["pattern"] == pattern]
+
+
+def column_of(source: RunSource, run_id: str, name: str) -> FloatArray:
+    """A column of a run, whole."""
+    return np.concatenate([chunk[name] for chunk in chunks_of(source, run_id)])
+
+
 def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float]) -> Spectra:
     """The scan for further lines in what the fits of all periods leave."""
     in_order = Reduction(tuple(runs), {}).sorted_by(contents_of).runs

@@ -12,15 +12,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 
 _MAX_CONDITION = 1e8
+# Readings that scatter like this by chance one time in a thousand have another noise.
+_CONTRADICTED_P = 1e-3
 
 
 @dataclass(frozen=True)
@@ -68,18 +71,31 @@ def flip(g_sign: Sequence[float], readings_v: FloatArray, g_m_s2: float, sigma_v
     along = np.asarray(g_sign, dtype=np.float64) * g_m_s2
     columns = np.stack([along, np.ones_like(along)], axis=1)
     what = "the flip: read the chain with its axis up and down"
-    return _fit(("gain_v_per_m_s2", "bias_v"), columns, readings_v, sigma_v, what)
+    return _fit(
+        ("gain_v_per_m_s2", "bias_v"), columns, readings_v, None if sigma_v is None else np.diag(sigma_v**2), what
+    )
 
 
-def angle_scan(theta_rad: FloatArray, readings: FloatArray, sigma: FloatArray | None = None) -> Fitted:
+def angle_scan(
+    theta_rad: FloatArray, readings: FloatArray, noise: FloatArray | None = None, *, level_known: bool = True
+) -> Fitted:
     """Offset, cos and sin of a reading over the platform's angle, in the readings' unit (eq. 6).
 
-    Each channel is fitted freely: that both see one acceleration with axes at a right angle is not assumed. Raises
-    `DataError` when the angles are too few to tell them.
+    Each channel is fitted freely: that both see one acceleration with axes at a right angle is not assumed. `noise`
+    is the covariance of the readings, shape (angles, angles): a bias wanders from one to the next, which a scatter
+    about the fit shows a part of only. Its level is that of the residuals unless it is known, or where they
+    contradict it. Raises `DataError` when the angles are too few to tell them.
     """
     columns = np.stack([np.ones_like(theta_rad), np.cos(theta_rad), np.sin(theta_rad)], axis=1)
     what = "the angle scan: dwell at more angles, over a full turn"
-    return _fit(("offset", "cos", "sin"), columns, readings, sigma, what)
+    fitted = _fit(("offset", "cos", "sin"), columns, readings, noise, what)
+    if noise is None:
+        return fitted
+    left = readings - columns @ fitted.values
+    chi2, dof = float(left @ np.linalg.solve(noise, left)), len(readings) - 3
+    if level_known and stats.chi2.sf(chi2, dof) >= _CONTRADICTED_P:
+        return fitted
+    return replace(fitted, covariance=fitted.covariance * chi2 / dof) if dof else fitted
 
 
 @dataclass(frozen=True)
@@ -130,24 +146,27 @@ def _polar(scan: Fitted) -> tuple[Value, Value]:
 
 
 def _fit(
-    names: tuple[str, ...], columns: FloatArray, values: FloatArray, sigma: FloatArray | None, what: str
+    names: tuple[str, ...], columns: FloatArray, values: FloatArray, noise: FloatArray | None, what: str
 ) -> Fitted:
-    """Least squares weighted by `sigma`; raises `DataError` that ends with `what` the data would have to be."""
+    """Least squares by the covariance of the values; raises `DataError` that ends with `what` the data should be."""
     count, width = columns.shape
     dof = count - width
     if not np.isfinite(values).all() or not np.isfinite(columns).all():
         raise DataError(f"a value that is no number cannot enter {what}")
-    if sigma is not None and not (np.isfinite(sigma) & (sigma > 0.0)).all():
+    if noise is not None and not (np.isfinite(noise).all() and (np.diag(noise) > 0.0).all()):
         raise DataError(f"a value without an uncertainty (a reading that never changes has none) cannot enter {what}")
-    if dof < (1 if sigma is None else 0) or not np.linalg.cond(columns / _sizes(columns)) < _MAX_CONDITION:
+    if dof < (1 if noise is None else 0) or not np.linalg.cond(columns / _sizes(columns)) < _MAX_CONDITION:
         raise DataError(f"{count} values do not tell {' and '.join(names)} in {what}")
-    weight = np.ones(count) if sigma is None else 1.0 / sigma
-    left, size, right = np.linalg.svd(columns * weight[:, None] / _sizes(columns), full_matrices=False)
+    whitened = columns / _sizes(columns)
+    if noise is not None:
+        root = np.linalg.cholesky(noise)
+        whitened, values = np.linalg.solve(root, whitened), np.linalg.solve(root, values)
+    left, size, right = np.linalg.svd(whitened, full_matrices=False)
     inverse = (right.T / size) / _sizes(columns)[:, None]
-    values_of_fit = inverse @ (left.T @ (values * weight))
-    # Without stated sigmas the residuals' scatter is the noise.
-    scale = float(((values - columns @ values_of_fit) ** 2).sum()) / dof if sigma is None else 1.0
-    return Fitted(names, values_of_fit, scale * inverse @ inverse.T)
+    fitted = inverse @ (left.T @ values)
+    # Without a stated noise the residuals' scatter is it.
+    scale = float(((values - left @ (left.T @ values)) ** 2).sum()) / dof if noise is None else 1.0
+    return Fitted(names, fitted, scale * inverse @ inverse.T)
 
 
 def _sizes(columns: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Runs that are not modulated: scans over the angle, flips, noise records."""
+"""Scans over the angle and flips."""
 
 from __future__ import annotations
 
@@ -12,15 +12,19 @@ import numpy as np
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.noise_fit import NoiseFit, fit_noise
+from rigctl.experiments.rotating_platform.observe.covariance import PowerLawNoise, covariance
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, COMMANDS, READINGS, Chains
-from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum, noise_spectrum
-from rigctl.experiments.rotating_platform.observe.store_reduction import chunks_of
-from rigctl.experiments.rotating_platform.result.alignment import Axes, Fitted, Value, angle_scan, axes, flip
+from rigctl.experiments.rotating_platform.observe.run_noise import SIDED
+from rigctl.experiments.rotating_platform.observe.store_reduction import column_of, records_of
+from rigctl.experiments.rotating_platform.result.alignment import Axes, Fitted, angle_scan, axes, flip
+from rigctl.experiments.rotating_platform.result.chain_noise import EQUATION_1, ChainNoise
 
 _FEWEST = 8
 _STRETCHES = 8
-_LONGEST = 1 << 22
+# A scan of more samples is worked out in means of some.
+_MOST_SAMPLES = 1 << 14
+# Of one over the record: what is slower is a level to it (as `run_noise`).
+_BEYOND_RECORD = 0.2
 
 
 @dataclass(frozen=True)
@@ -44,30 +48,12 @@ class Scan:
         return {"run_id": self.run_id, "commanded_z_m_s2": self.commanded_m_s2, **fits, **axes}
 
 
-@dataclass(frozen=True)
-class NoiseRecord:
-    """The spectrum of a noise record in one channel, two-sided, [V2/Hz], and what is fitted to it."""
-
-    run_id: str
-    channel: str
-    spectrum: NoiseSpectrum
-    fit: NoiseFit
-
-    def as_json(self) -> dict[str, Any]:
-        """Within `rigctl result --json`."""
-        noise, sigmas = self.fit.noise, self.fit.sigmas
-        names = ("white_v2_hz", "coefficient_v2_hz", "exponent", "pendulum_v2_hz")
-        values = (noise.white, noise.coefficient, noise.exponent, self.fit.pendulum)
-        fitted = {name: Value(*each).as_json() for name, *each in zip(names, values, sigmas, strict=True)}
-        return {"run_id": self.run_id, "channel": self.channel, **fitted}
-
-
-def scans(source: RunSource, chains: Chains) -> tuple[list[Scan], dict[str, str]]:
-    """All scans of a recording, and by run_id why one tells nothing."""
+def scans(source: RunSource, chains: Chains, noises: Mapping[str, ChainNoise]) -> tuple[list[Scan], dict[str, str]]:
+    """All scans of a recording, with the `noises` of the chains, and by run_id why one tells nothing."""
     scans_read, left_out = [], {}
-    for record in _of(source, "scan"):
+    for record in records_of(source, "scan"):
         try:
-            scans_read.append(_scan(source, record, chains))
+            scans_read.append(_scan(source, record, chains, noises))
         except DataError as error:
             left_out[record.run_id] = f"run {record.run_id}: {error}"
     return scans_read, left_out
@@ -91,7 +77,7 @@ class Flipped:
 
 def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
     """Scale factor and electrical bias of each sensor from flips, by channel; none without both directions."""
-    records = _of(source, "flip")
+    records = records_of(source, "flip")
     signs = [float(record.conditions["g_sign"]) for record in records]
     if len(set(signs)) < 2:
         return {}
@@ -109,27 +95,7 @@ def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
     return flipped
 
 
-def noise_records(source: RunSource) -> tuple[list[NoiseRecord], dict[str, str]]:
-    """The spectra of all noise records, and by run_id why one has none."""
-    records, left_out = [], {}
-    for record in _of(source, "noise"):
-        rate_hz = float(record.conditions["sample_rate_hz"])
-        for channel in CHANNELS:
-            # Days at 10 Hz: enough for any power law, and a transform that fits into memory.
-            samples = _column(source, record.run_id, READINGS[channel])[:_LONGEST]
-            try:
-                spectrum = noise_spectrum(samples, rate_hz)
-                records.append(NoiseRecord(record.run_id, channel, spectrum, fit_noise(spectrum)))
-            except DataError as error:
-                left_out[record.run_id] = f"run {record.run_id}: {error}"
-    return records, left_out
-
-
-def _of(source: RunSource, pattern: str) -> Sequence[RunRecord]:
-    return [record for record in source.runs(valid_only=True) if record.conditions["pattern"] == pattern]
-
-
-def _scan(source: RunSource, record: RunRecord, chains: Chains) -> Scan:
+def _scan(source: RunSource, record: RunRecord, chains: Chains, noises: Mapping[str, ChainNoise]) -> Scan:
     samples = source.samples(record.run_id)
     if "theta_deg" not in samples:
         raise DataError("a scan needs the column theta_deg; add it")
@@ -143,15 +109,29 @@ def _scan(source: RunSource, record: RunRecord, chains: Chains) -> Scan:
     at_rest = [slice(int(a), int(b)) for a, b in zip(edges, stops, strict=True) if rests[a]]
     dwells = [each for each in at_rest if np.count_nonzero(read[each]) >= _FEWEST]
     angles = np.array([float(theta_rad[each].mean()) for each in dwells])
-    readings = {
-        channel: np.array([float(np.nanmean(samples[READINGS[channel]][each])) for each in dwells])
-        / chains.gain_v_per_m_s2[channel]
-        for channel in CHANNELS
-    }
-    fits = {channel: angle_scan(angles, readings[channel]) for channel in CHANNELS}
+    readings, fits = {}, {}
+    for channel in CHANNELS:
+        volts = samples[READINGS[channel]]
+        readings[channel] = np.array([float(np.nanmean(volts[each])) for each in dwells])
+        readings[channel] /= chains.gain_v_per_m_s2[channel]
+        chain = noises[channel]
+        density = chain.noise.in_units_of(chains.gain_v_per_m_s2[channel])
+        noise = _covariance(np.isfinite(volts), dwells, float(record.conditions["sample_rate_hz"]), density)
+        fits[channel] = angle_scan(angles, readings[channel], noise, level_known=chain.source != EQUATION_1)
     return Scan(
         record.run_id, _commanded(samples, rests, record, chains), angles, readings, fits, axes(fits["y"], fits["z"])
     )
+
+
+def _covariance(read: BoolArray, dwells: Sequence[slice], rate_hz: float, density: PowerLawNoise) -> FloatArray:
+    """Covariance of the means of a reading over `dwells` where there are samples, shape (dwells, dwells)."""
+    step = -(-read.size // _MOST_SAMPLES)
+    weights = np.zeros((len(dwells), -(-read.size // step) * step))
+    for row, each in zip(weights, dwells, strict=True):
+        row[each] = read[each] / np.count_nonzero(read[each])
+    coarse = weights.reshape(len(dwells), -1, step).sum(axis=2)
+    from_hz = _BEYOND_RECORD * rate_hz / weights.shape[1]
+    return np.asarray(covariance(coarse, rate_hz / step, density, sided=SIDED, from_hz=from_hz)[0])
 
 
 def _commanded(samples: Mapping[str, FloatArray], rests: BoolArray, record: RunRecord, chains: Chains) -> float:
@@ -164,13 +144,9 @@ def _commanded(samples: Mapping[str, FloatArray], rests: BoolArray, record: RunR
     return level_v / chains.command_v_per_m_s2["z"]
 
 
-def _column(source: RunSource, run_id: str, name: str) -> FloatArray:
-    return np.concatenate([chunk[name] for chunk in chunks_of(source, run_id)])
-
-
 def _read(source: RunSource, run_id: str, name: str) -> FloatArray:
     """The samples that there are; `DataError` when they are too few for a mean with its scatter."""
-    column = _column(source, run_id, name)
+    column = column_of(source, run_id, name)
     samples = column[np.isfinite(column)]
     if len(samples) < _FEWEST * _STRETCHES:
         raise DataError(f"run {run_id} has {len(samples)} samples of {name}, too few; measure it again")

@@ -15,7 +15,7 @@ from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 from rigctl.experiments.rotating_platform.result import published
-from rigctl.experiments.rotating_platform.result.bench_runs import NoiseRecord
+from rigctl.experiments.rotating_platform.result.chain_noise import NoiseRecord
 from rigctl.experiments.rotating_platform.result.precision import HOUR_S, continuous_precision, simplified_precision
 from rigctl.experiments.rotating_platform.result.result import PlatformResult
 from rigctl.experiments.rotating_platform.result.run_result import RunResult
