@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles reliability reliability-ci reliability-full clean laser-dialects wire-dialects
+.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -80,6 +80,14 @@ clients:
 # The flight model with an LK-G5000 and with the LK-G3001 in each reading of its manual, and the hidden effects: the same axes. Ten minutes.
 laser-dialects: setup
 	RIGCTL_ALL_PAIRS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest tests/campaigns/test_laser_dialects.py
+
+# Missions of ten calibrating sessions and two of the test, each with another instrument: tables 1 to 3, pulls. Two minutes of two cores for a hundred.
+DRAWS ?= 100
+missions: setup
+	mkdir -p out
+	rm -f out/missions.rig.sqlite*
+	sed 's/^draws = .*/draws = $(DRAWS)/' campaigns/microscope-missions.toml > out/missions.toml
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/rigctl run out/missions.toml --rig campaigns/microscope-rig.toml --store out/missions.rig.sqlite --yes
 
 # The same over sockets and pseudo-terminals, each reading of every instrument of the rig alone and the hardest together,
 # with either kind of lasers; out/wire-dialects.md is the table of docs/hardware.md. A quarter of an hour on two cores.

@@ -26,9 +26,9 @@ from rigctl.core.satellites import SatelliteEnsemble
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.observe.sessions import SessionName, session_of
 from rigctl.experiments.inflight.result.draws import (
-    CHUNK,
     ExpectedNoise,
     Flown,
+    chunk_of,
     estimated,
     reduced,
 )
@@ -85,7 +85,7 @@ def _never() -> bool:
 def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> Packed:
     """Simulate a unit and reduce it. `NotWanted` as soon as it is `unwanted`."""
     flight_session = unit.study.session(unit.name, unit.orbit_period_s)
-    telemetry = unit.ensemble.telemetry(unit.draws, unit.run, flight_session, CHUNK)
+    telemetry = unit.ensemble.telemetry(unit.draws, unit.run, flight_session, chunk_of(unit.flown))
     # Asked by the reduction while telemetry comes, as a unit of sixteen draws takes seconds.
     return reduced(unit.flown, telemetry, unit.ensemble.columns, unit.draws, unwanted)
 

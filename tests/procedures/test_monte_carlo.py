@@ -171,6 +171,26 @@ def test_the_chosen_draw_keeps_its_samples(tmp_path: Path) -> None:
                 assert name not in kept or np.array_equal(kept[name][:500], telemetry[:, place]), name
 
 
+def test_missions_find_the_violation_that_is_hidden_with_what_was_calibrated(tmp_path: Path) -> None:
+    sessions = json.dumps([*MonteCarlo(name="monte-carlo").sessions, "ep_inertial", "ep_spin"])
+    campaign = prepared(tmp_path, 1, f"sessions = {sessions}\norbits_ep = 8.0\n")
+    study = campaign.model_copy(update={"procedure": {**campaign.procedure, "draws": 3}})
+    with (tmp_path / "rig.toml").open("a") as rig:
+        rig.write("\neotvos = 1e-12\n")
+    path = tmp_path / "x.rig.sqlite"
+    runner.start(study, read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    found = results.of(path)
+    assert found["draws"] == 3
+    assert set(found["test"]) == {"ep_inertial", "ep_spin"}
+    for session in found["test"].values():
+        # 1e-16 is left of a_c12's and a_c13's unseen part, a thousandth of delta of a_c11.
+        assert session["error"]["rms"] < 3e-15
+    # Uncorrected, Dx alone makes up to 1e-14.
+    assert found["test"]["ep_inertial"]["uncorrected"]["rms"] > 3e-15
+    row = found["test"]["ep_inertial"]["rows"]["ac11_dx_m"]
+    assert row["at_bound_m_s2"] == pytest.approx(row["printed_before_m_s2"], rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("more", "world", "error", "says"),
     [

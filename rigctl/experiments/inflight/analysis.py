@@ -57,12 +57,13 @@ def analyse(workbench: Workbench) -> InflightResult:
     attempt = Attempt(studied, version.terms)
     estimates = attempt.estimates()
     numbers = {"version": version.version, **calibration(studied, estimates)}
-    test = runs_of_test(studied.source, calibrated_level(studied))
+    test = runs_of_test(studied.source)
     numbers["remarks"] = [*numbers["remarks"], *test.left_out.values()]
     if test.runs:
         beyond = systematic(estimates, studied.source.header.constants)
         calibrated = calibrated_of(attempt.result.values, attempt.uncertainty.covariance, beyond)
-        numbers["ep"] = equivalence(test.runs, calibrated)
+        level = calibrated_level(studied)
+        numbers["ep"] = equivalence([run.about(level) for run in test.runs], calibrated)
     return InflightResult(numbers)
 
 

@@ -17,7 +17,8 @@ def tables(result_json: Mapping[str, Any], reference: Mapping[str, Any]) -> list
     """Of one calibration, or tables 2 and 3 of the paper of a study of many, ours beside the printed ones."""
     del reference
     if "table2" in result_json:
-        return [_table2(result_json), _table3(result_json["table3"])]
+        missions = map(_mission_table, result_json.get("test", {}).items())
+        return [_table2(result_json), _table3(result_json["table3"]), *missions]
     made = [calibration_table(result_json)]
     return [*made, *equivalence_tables(result_json["ep"])] if "ep" in result_json else made
 
@@ -90,13 +91,40 @@ def _scaled(each: Mapping[str, float]) -> str:
 def _rows_of(session: tuple[str, Mapping[str, Any]]) -> ResultTable:
     name, each = session
     rows = [[parameter, *(number(row[key], 2) for key in row)] for parameter, row in each["rows"].items()]
-    totals = (sum(row[key] for row in each["rows"].values()) for key in ("before_m_s2", "after_m_s2"))
+    totals = (
+        sum(row[key] for row in each["rows"].values()) for key in ("before_m_s2", "in_phase_m_s2", "after_m_s2")
+    )
     rows.append(["total", *(number(total, 2) for total in totals)])
     sentence = (
-        f"What each parameter does in {name} in phase with gravity, m/s2: before by its calibrated value, after by "
-        "its standard uncertainty; linear totals."
+        f"What each parameter does in {name} at the frequency of the test, m/s2: before by its calibrated value, "
+        "the part of that in phase with gravity, after by its standard uncertainty; linear totals."
     )
-    return ResultTable(sentence, ["parameter", "#before", "#after"], rows)
+    return ResultTable(sentence, ["parameter", "#before", "#in phase", "#after"], rows)
+
+
+def _mission_table(session: tuple[str, Mapping[str, Any]]) -> ResultTable:
+    """Tables 1 and 3 as sessions of the test have them."""
+    name, each = session
+    rows = [[parameter, *(number(row[key], 3) for key in _ROW)] for parameter, row in each["rows"].items()]
+    totals = {key: sum(row[key] for row in each["rows"].values()) for key in _ROW}
+    rows.append(["total", "", "", *(number(totals[key], 3) for key in _ROW[2:])])
+    pull, off = each["pull"], {key: _SCALE * each[key]["rms"] for key in ("error", "uncorrected")}
+    sigmas = [number(_SCALE * each[key], 2) for key in _SIGMAS[:2]]
+    sentence = (
+        f"{name}, {number(each['orbits'])} orbits: delta is off by {number(off['error'], 3)}e-15 rms (by noise "
+        f"{sigmas[0]}, by calibration {sigmas[1]}), uncorrected by {number(off['uncorrected'], 3)}; pulls have a "
+        f"mean of {number(pull['mean'], 2)} and an rms of {number(pull['rms'], 3)}, where "
+        f"{number(pull['expected_rms'], 3)} is expected. What each parameter does at {number(each['f_ep_hz'], 4)} "
+        "Hz: a unit of it, and all of it at its bound, beside table 1; the joint estimate's errors; m/s2."
+    )
+    columns = ["parameter", "#driver", "#printed", "#before", "#printed", "#worst", "#mean"]
+    return ResultTable(sentence, columns, rows)
+
+
+_ROW = (
+    *("per_unit_m_s2", "printed_per_unit_m_s2"),
+    *("at_bound_m_s2", "printed_before_m_s2", "worst_m_s2", "mean_m_s2"),
+)
 
 
 def _table2(result_json: Mapping[str, Any]) -> ResultTable:

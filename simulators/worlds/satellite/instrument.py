@@ -178,9 +178,13 @@ def _named(
 
 
 def truths(settings: SatelliteSettings, draw: int) -> dict[str, Mapping[str, float]]:
-    """`exact_truth` and `paper_truth` of a draw, by these names."""
+    """`exact_truth` and `paper_truth` of a draw, by these names; the test's `delta` as `test_truth`."""
     instrument = drawn(settings, draw)
-    return {"exact_truth": exact_truth(instrument, settings), "paper_truth": paper_truth(instrument)}
+    return {
+        "exact_truth": exact_truth(instrument, settings),
+        "paper_truth": paper_truth(instrument),
+        "test_truth": {"delta": settings.eotvos},
+    }
 
 
 def _antisymmetric(t: FloatArray) -> FloatArray:

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigctl.core.arrays import BoolArray, FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.inflight.observe.grid import Grid, grid_of
+from rigctl.experiments.inflight.observe.grid import grid_of
 from rigctl.experiments.inflight.observe.pulses import pulses_of
-from rigctl.experiments.inflight.observe.series import covered, raw_series
+from rigctl.experiments.inflight.observe.series import INDEX, SERIES, covered, raw_series
 from rigctl.experiments.inflight.observe.sessions import Session, session_of
 from rigctl.experiments.inflight.observe.weights import FEWEST_SAMPLES, taper, templates
 
@@ -55,6 +55,12 @@ class TestRun:
         """Amplitudes that tell the noise."""
         return len(self.beside)
 
+    def about(self, level_m_s2: float) -> TestRun:
+        """With powers of x counted from the level of m_dx while the calibration was flown, like quadratic factors."""
+        return replace(
+            self, amplitudes=_counted(self.amplitudes, level_m_s2), beside=_counted(self.beside, level_m_s2)
+        )
+
     @property
     def test_hz(self) -> float:
         """The frequency at which the satellite sees the Earth go round."""
@@ -66,13 +72,9 @@ def reduce_test(
     conditions: Mapping[str, object],
     samples: Mapping[str, FloatArray],
     orbit_period_s: float,
-    centre_m_s2: float,
 ) -> TestRun:
     """Reduce a session without the pulses that it shows; `DataError` when it is too short, too patchy, or has no
-    gravity in its telemetry.
-
-    `centre_m_s2` is the level of m_dx while the calibration was flown: quadratic factors count from there.
-    """
+    gravity in its telemetry."""
     absent = [name for name in GRAVITY if name not in samples]
     if absent:
         raise DataError(f"run {run_id}: column {absent[0]} is missing; add gravity as orbit and attitude give it")
@@ -84,60 +86,71 @@ def reduce_test(
     present = grid.present & np.all([np.isfinite(grid.columns[name]) for name in GRAVITY], axis=0)
     if np.count_nonzero(taper(present, grid.step_s)) < FEWEST_SAMPLES * len(present):
         raise DataError(f"run {run_id}: {100.0 * np.mean(present):.0f} % of the samples are there, too few")
-    known_hz = known_lines(session, grid.duration_s)
-    pulses_s = pulses_of(grid, [session.orbital_hz + session.spin_hz, *known_hz])
+    pulses_s = pulses_of(grid, [session.orbital_hz + session.spin_hz, *known_lines(session, grid.duration_s)])
     present &= ~covered(grid.t_s, pulses_s)
-    return replace(_fitted(run_id, session, grid, present, centre_m_s2), pulses=len(pulses_s))
-
-
-def _fitted(run_id: str, session: Session, grid: Grid, present: BoolArray, centre_m_s2: float) -> TestRun:
-    weight = taper(present, grid.step_s)
-    beside_hz = _frequencies_beside(session, grid.duration_s)
-    known_hz = known_lines(session, grid.duration_s)
-    sums: list[FloatArray] = []
+    sums = TestSums(session, grid.t_s, taper(present, grid.step_s), 1)
     for start in range(0, len(grid.t_s), _CHUNK):
+        # A sample more on either side: rates are differences.
         here = slice(max(start - 1, 0), start + _CHUNK + 1)
         inner = slice(start - here.start, start - here.start + min(_CHUNK, len(grid.t_s) - start))
-        series = _series(session, grid, here, centre_m_s2)[inner]
-        at = slice(start, start + len(series))
-        design = _design(grid, at, known_hz)
-        w = weight[at]
-        rows = np.vstack([design, templates(grid.t_s[at], beside_hz)])
+        sums.add(start, inner, [{name: column[here] for name, column in grid.columns.items()}])
+    return replace(sums.runs([run_id])[0], missing=1.0 - float(np.mean(present)), pulses=len(pulses_s))
+
+
+class TestSums:
+    """Sums over the samples of a session, of several satellites flown alike: what all of them share is made once."""
+
+    __test__ = False
+
+    def __init__(self, session: Session, t_s: FloatArray, weight: FloatArray, satellites: int) -> None:
+        self._session, self._t_s, self._weight = session, t_s, weight
+        self._duration_s = len(t_s) * session.sample_period_s
+        waves = [wave / self._duration_s for wave in range(1, _WAVES + 1)]
+        known_hz = known_lines(session, self._duration_s)
+        self._lines_hz = [*waves, *known_hz, *_frequencies_beside(session, self._duration_s)]
+        self._fitted = len(GRAVITY) + _SLOW + 2 * (len(waves) + len(known_hz))
+        count = _SLOW + 2 * len(self._lines_hz)
+        self._shared = np.zeros((2, count, count))
+        self._own = np.zeros((satellites, 2, len(GRAVITY), len(GRAVITY) + count))
+        self._series = np.zeros((satellites, len(GRAVITY) + count, len(SERIES)))
+
+    def add(self, start: int, inner: slice, satellites: Sequence[Mapping[str, FloatArray]]) -> None:
+        """Samples from number `start` on: the `inner` ones of columns, by satellite."""
+        at = slice(start, start + inner.stop - inner.start)
+        t_s, w = self._t_s[at], self._weight[at]
+        x = 2.0 * (t_s - self._t_s[0]) / self._duration_s - 1.0
+        rows = np.vstack([np.ones_like(x), x, x**2, templates(t_s, self._lines_hz)])
         weighted = rows * w
-        parts = [weighted @ np.hstack([design.T, series]), weighted @ weighted.T]
-        sums = [a + b for a, b in zip(sums, parts, strict=True)] if sums else parts
-    cross, squares = sums
-    k = len(known_hz) * 2 + _SLOW + len(GRAVITY)
-    inverse = _inverse(run_id, cross[:k, :k])
-    fitted = inverse @ cross[:k, k:]
-    # What lines and levels do at the frequencies beside is taken out of what is found there.
-    takes = cross[k:, :k]
-    beside = cross[k:, k:] - takes @ fitted
-    rows = np.hstack([-takes @ inverse, np.eye(len(takes))])
-    unit = np.sqrt(np.einsum("ri,ij,rj->r", rows, squares, rows) / (2.0 * grid.step_s))
-    spread = np.sqrt(np.diag(inverse @ squares[:k, :k] @ inverse.T)[:2] / (2.0 * grid.step_s))
-    return TestRun(
-        run_id,
-        session,
-        grid.duration_s / session.orbit_period_s,
-        1.0 - float(np.mean(present)),
-        fitted[:2],
-        beside / unit[:, None],
-        spread,
-    )
+        self._shared += weighted @ rows.T, weighted @ weighted.T
+        for place, columns in enumerate(satellites):
+            gravity = np.stack([columns[name][inner] for name in GRAVITY])
+            pulled = gravity * w
+            self._own[place, 0] += pulled @ np.vstack([gravity, rows]).T
+            self._own[place, 1] += pulled @ np.vstack([pulled, weighted]).T
+            self._series[place] += np.vstack([pulled, weighted]) @ _series(self._session, columns)[inner]
+
+    def runs(self, run_ids: Sequence[str]) -> list[TestRun]:
+        """What the sums come to, by satellite; `DataError` where gravity cannot be told from lines beside it."""
+        return [self._run(run_id, place) for place, run_id in enumerate(run_ids)]
+
+    def _run(self, run_id: str, place: int) -> TestRun:
+        k, step_s, own = self._fitted, self._session.sample_period_s, self._own[place]
+        two = len(GRAVITY)
+        products, squares = (np.block([[own[n]], [own[n][:, two:].T, self._shared[n]]]) for n in (0, 1))
+        inverse = _inverse(run_id, products[:k, :k])
+        fitted = inverse @ self._series[place, :k]
+        # What lines and levels do at the frequencies beside is taken out of what is found there.
+        takes = products[k:, :k]
+        beside = self._series[place, k:] - takes @ fitted
+        rows = np.hstack([-takes @ inverse, np.eye(len(takes))])
+        unit = np.sqrt(np.einsum("ri,ij,rj->r", rows, squares, rows) / (2.0 * step_s))
+        spread = np.sqrt(np.diag(inverse @ squares[:k, :k] @ inverse.T)[:2] / (2.0 * step_s))
+        orbits = self._duration_s / self._session.orbit_period_s
+        return TestRun(run_id, self._session, orbits, 0.0, fitted[:2], beside / unit[:, None], spread)
 
 
-_SLOW = 3 + 2 * _WAVES
-"""A constant, a slope, a bend, and waves of the whole session."""
-
-
-def _design(grid: Grid, at: slice, known_hz: Sequence[float]) -> FloatArray:
-    t_s, duration_s = grid.t_s[at], grid.duration_s
-    x = 2.0 * (t_s - grid.t_s[0]) / duration_s - 1.0
-    slow = [np.ones_like(x), x, x**2]
-    waves = [wave / duration_s for wave in range(1, _WAVES + 1)]
-    gravity = [grid.columns[name][at] for name in GRAVITY]
-    return np.vstack([*gravity, *slow, templates(t_s, [*waves, *known_hz])])
+_SLOW = 3
+"""A constant, a slope, a bend; waves of the whole session come besides."""
 
 
 def known_lines(session: Session, duration_s: float) -> list[float]:
@@ -161,14 +174,23 @@ def _frequencies_beside(session: Session, duration_s: float) -> list[float]:
     return [test + sign * place / duration_s for place in places for sign in (-1.0, 1.0)]
 
 
-def _series(session: Session, grid: Grid, here: slice, centre_m_s2: float) -> FloatArray:
-    """`SERIES` of some samples, (samples, series): x counts from the calibration's level, T less turning."""
-    columns = {name: column[here] for name, column in grid.columns.items()}
-    columns["m1_x"] = columns["m1_x"] - centre_m_s2
-    columns["m2_x"] = columns["m2_x"] + centre_m_s2
+def _series(session: Session, columns: Mapping[str, FloatArray]) -> FloatArray:
+    """`SERIES` of some samples, (samples, series); T less turning."""
     if session.spin_hz:
-        columns.update(_less_inertia(session, grid.step_s, columns))
-    return raw_series(session, grid.t_s[here], columns)
+        columns = {**columns, **_less_inertia(session, session.sample_period_s, columns)}
+    # No mass is moved: times do not matter.
+    return raw_series(session, np.empty(0), columns)
+
+
+def _counted(table: FloatArray, level_m_s2: float) -> FloatArray:
+    """Binomials; what is constant is in no line."""
+    made, at = table.copy(), INDEX
+    for name, level in (("m1", level_m_s2), ("m2", -level_m_s2)):
+        one, two = table[:, at[name]], table[:, at[f"{name}^2"]]
+        made[:, at[f"{name}^2"]] -= 2.0 * level * one
+        made[:, at[f"{name}^3"]] += 3.0 * level**2 * one - 3.0 * level * two
+    made[:, at["m1 m2"]] += level_m_s2 * (table[:, at["m1"]] - table[:, at["m2"]])
+    return made
 
 
 def _less_inertia(session: Session, step_s: float, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

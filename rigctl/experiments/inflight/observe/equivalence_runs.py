@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-import zlib
-from dataclasses import replace
-
-import numpy as np
-
 from rigctl.analysis.kept import Kept, Packed, Recipe, Reduction, each_reduced
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.experiments.inflight.observe.equivalence import TestRun, reduce_test
 from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, Session
 from rigctl.experiments.inflight.observe.store_reduction import orbit_period_of
 
-RECIPE = Recipe("inflight-equivalence", 3)
+RECIPE = Recipe("inflight-equivalence", 4)
 """Its version is counted up whenever equivalence.py or pulses.py would give other numbers."""
 
 
-def runs_of_test(source: RunSource, centre_m_s2: float) -> Reduction[TestRun]:
-    """All valid sessions of the test; `centre_m_s2` is the level of m_dx while the calibration was flown."""
+def runs_of_test(source: RunSource) -> Reduction[TestRun]:
+    """All valid sessions of the test."""
     records = [each for each in source.runs(valid_only=True) if each.conditions.get("session") in EQUIVALENCE]
-    # Quadratic factors count from that level: another calibration makes another reduction.
-    recipe = replace(RECIPE, settings=(f"{zlib.crc32(np.float64(centre_m_s2).tobytes()):08x}",))
 
     def make(record: RunRecord) -> Packed:
         orbit_s, samples = orbit_period_of(source), source.samples(record.run_id)
-        return _packed(reduce_test(record.run_id, record.conditions, samples, orbit_s, centre_m_s2))
+        return _packed(reduce_test(record.run_id, record.conditions, samples, orbit_s))
 
-    return Reduction.of(each_reduced(Kept(source, recipe), records, make, _unpacked, None))
+    return Reduction.of(each_reduced(Kept(source, RECIPE), records, make, _unpacked, None))
 
 
 def _packed(run: TestRun) -> Packed:

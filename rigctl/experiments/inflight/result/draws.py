@@ -16,8 +16,10 @@ from rigctl.experiments.inflight.model.observed import stretch_of
 from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, Amplitudes, central, raw_series
-from rigctl.experiments.inflight.observe.sessions import Line, Session
+from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, QUADRATIC, Line, Session
 from rigctl.experiments.inflight.observe.weights import response, spread, weights
+from rigctl.experiments.inflight.result.equivalence import calibrated_of
+from rigctl.experiments.inflight.result.missions import TEST_CHUNK, reduced_tests, run_of, tested
 from rigctl.experiments.inflight.result.monte_carlo import Draw
 from rigctl.workbench.threads import one_thread
 
@@ -83,6 +85,11 @@ class NotWanted(Exception):
     """Nobody waits for a unit any more."""
 
 
+def chunk_of(flown: Flown) -> int:
+    """Samples at a time."""
+    return TEST_CHUNK if flown.session.name in EQUIVALENCE else CHUNK
+
+
 @one_thread
 def reduced(
     flown: Flown,
@@ -94,8 +101,16 @@ def reduced(
     """Some draws of a session, reduced as their telemetry comes, (samples, columns, draws) at a time.
 
     Arrays: `parts` (series, 2 lines, draws) of the published and then the observed lines, `means` (series, draws),
-    `draws`, and `sigma` and `spread` as `_Rows` has them. `NotWanted` as soon as it is `unwanted`.
+    `draws`, and `sigma` and `spread` as `_Rows` has them; those of a session of the test as `reduced_tests` says.
+    `NotWanted` as soon as it is `unwanted`.
     """
+
+    def going_on() -> None:
+        if unwanted():
+            raise NotWanted
+
+    if flown.session.name in EQUIVALENCE:
+        return reduced_tests(flown.session, flown.duration_s, telemetry, columns, draws, going_on)
     prepared, session = rows_of(flown), flown.session
     groups = (prepared.published, prepared.observed)
     parts = [np.zeros((len(SERIES), len(rows), len(draws))) for rows in groups]
@@ -105,8 +120,7 @@ def reduced(
     at = 0
     memory, products = np.zeros((len(SERIES), CHUNK, len(draws))), [part[:filled].copy() for part in parts]
     for chunk in telemetry:
-        if unwanted():
-            raise NotWanted
+        going_on()
         t_s = session.sample_period_s * np.arange(at, at + len(chunk), dtype=np.float64)
         by_name = {name: chunk[:, place] for place, name in enumerate(columns)}
         series = raw_series(session, t_s[:, np.newaxis], by_name, memory[:, : len(chunk)]).T[:filled]
@@ -160,10 +174,15 @@ def estimated(
     draw: int, flown: Mapping[str, Flown], units: Mapping[str, Packed], truths: Mapping[str, Mapping[str, float]]
 ) -> Draw:
     """Both estimates of a draw and their sigmas, from its sessions as `reduced` left them, beside its truths."""
-    fitted, stretches = {}, []
+    fitted, stretches, levels, tests = {}, [], [], []
     for name, unit in units.items():
+        if name in EQUIVALENCE:
+            tests.append(run_of(unit, flown[name].session, draw))
+            continue
         session, observed = flown[name].session, flown[name].observed
         everything = _amplitudes(unit, draw)
+        if name not in QUADRATIC:
+            levels.append((everything.mean_square, everything.apart))
         count = len(flown[name].published)
         at_hz = np.array([session.frequency_of(line) for line in observed])
         sigma = np.sqrt(flown[name].density(at_hz)) * unit.arrays["spread"]
@@ -172,11 +191,14 @@ def estimated(
         # Of the own channel the same noise is expected: what limits it is its gain.
         stretches.append(stretch_of(name, session, observed, rest, sigma, sigma))
     paper, joint = paper_estimate(fitted), joint_estimate(stretches)
+    # Where the mean of both masses was held and nothing injected: there the calibrated slopes are the sensors'.
+    calibrated, level = calibrated_of(joint.values, joint.covariance, {}), min(levels)[1]
     return Draw(
         draw,
         {"paper": _named(paper.values), "joint": {name: joint.value(name) for name in NAMES}},
         {"paper": _named(paper.sigmas), "joint": {name: joint.sigma(name) for name in NAMES}},
         truths,
+        tested(tests, calibrated, level, truths["exact_truth"]) if tests else {},
     )
 
 

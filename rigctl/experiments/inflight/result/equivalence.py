@@ -68,13 +68,15 @@ def _session(run: TestRun, calibrated: Calibrated) -> dict[str, Any]:
 
 
 def rows(run: TestRun, calibrated: Calibrated) -> dict[str, dict[str, float]]:
-    """By parameter what it does in phase with gravity: `before` as it is, `after` by its standard uncertainty."""
-    slope = sensitivity(run, calibrated.values)
+    """By parameter what it does at the test's frequency, whatever its phase (table 1): `before` as it is, `after` by
+    its standard uncertainty; and the part of `before` that is in phase with gravity, with its sign."""
+    slopes = sensitivities(run, calibrated.values)
     sigma = np.sqrt(np.diag(calibrated.covariance))
     return {
         name: {
-            "before_m_s2": GRAVITY_M_S2 * abs(float(slope[place] * calibrated.values[place])),
-            "after_m_s2": GRAVITY_M_S2 * abs(float(slope[place] * sigma[place])),
+            "before_m_s2": GRAVITY_M_S2 * float(np.linalg.norm(slopes[:, place] * calibrated.values[place])),
+            "in_phase_m_s2": GRAVITY_M_S2 * float(slopes[0, place] * calibrated.values[place]),
+            "after_m_s2": GRAVITY_M_S2 * float(np.linalg.norm(slopes[:, place] * sigma[place])),
         }
         for place, name in enumerate(NAMES)
     }
@@ -112,8 +114,13 @@ def _estimate(run: TestRun, values: AnyArray) -> AnyArray:
 
 def sensitivity(run: TestRun, values: FloatArray) -> FloatArray:
     """d delta / d parameters, (SHARED,)."""
+    return np.asarray(sensitivities(run, values)[0])
+
+
+def sensitivities(run: TestRun, values: FloatArray) -> FloatArray:
+    """d / d parameters of delta and of what is in quadrature, (2, SHARED)."""
     stepped = values[:, None] + 1j * _STEP * np.eye(SHARED)
-    return np.asarray(np.imag(_estimate(run, stepped)[0]) / _STEP)
+    return np.asarray(np.imag(_estimate(run, stepped)) / _STEP)
 
 
 def _density(run: TestRun, values: FloatArray) -> float:

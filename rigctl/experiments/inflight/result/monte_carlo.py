@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,13 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.model.parameters import NAMES, UNITS
+from rigctl.experiments.inflight.result.missions import summary
 from rigctl.experiments.inflight.result.published import published
 
 DRAW = "calibration-draw"
 """Kind of the documents that hold one draw each: see `Draw.as_json`."""
 
+_KEPT = ("estimates", "sigmas", "truths", "tests")
 ESTIMATES, TRUTHS = ("paper", "joint"), ("paper_truth", "exact_truth")
 
 
@@ -30,16 +32,18 @@ class Draw:
     estimates: Mapping[str, Mapping[str, float]]
     sigmas: Mapping[str, Mapping[str, float]]
     truths: Mapping[str, Mapping[str, float]]
+    tests: Mapping[str, Any] = field(default_factory=dict)
+    """By session of the test, as `missions.tested` says."""
 
     def as_json(self) -> dict[str, Any]:
         """As a store keeps it."""
-        return {"draw": self.number, **{name: getattr(self, name) for name in ("estimates", "sigmas", "truths")}}
+        return {"draw": self.number, **{name: getattr(self, name) for name in _KEPT}}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Draw:
         """The draw that `as_json` wrote; `DataError` when something is missing."""
         try:
-            return cls(int(data["draw"]), data["estimates"], data["sigmas"], data["truths"])
+            return cls(int(data["draw"]), data["estimates"], data["sigmas"], data["truths"], data.get("tests", {}))
         except KeyError as error:
             raise DataError(f"a draw of the study has no {error.args[0]}; run it again") from error
 
@@ -79,7 +83,15 @@ def tables(draws: Sequence[Draw]) -> dict[str, Any]:
             for place, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
         },
         "table3": budget(errors["paper", "paper_truth"]),
+        **_tests(draws),
     }
+
+
+def _tests(draws: Sequence[Draw]) -> dict[str, Any]:
+    """Key `test`, where sessions of the test were flown."""
+    truth = draws[0].truths.get("test_truth", {}).get("delta", 0.0)
+    made = {session: summary([draw.tests[session] for draw in draws], truth) for session in draws[0].tests}
+    return {"test": made} if made else {}
 
 
 def budget(errors: FloatArray) -> dict[str, Any]:
