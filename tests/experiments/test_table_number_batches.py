@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
+from rigctl.experiments.table.batches import level_of
+from rigctl.experiments.table.between import Between, shapes_between
+from rigctl.experiments.table.explained import significant_between
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.verdict.diagnose import diagnose
@@ -127,3 +131,69 @@ def test_what_repeats_by_rounding_is_no_batch_whatever_is_hidden_in_another_colu
     }
     # `bin` has three readings each, as lots have: what is known of x from within says what it does between.
     assert offsets(study(columns, "b0")) == {}
+
+
+def in_lots(seed: int, count: int, each: int, offset: float, hidden: float = 0.0) -> dict[str, FloatArray]:
+    """Lots with two conditions of their own; `hidden` is an effect of c, in its standard errors between lots."""
+    rng = np.random.default_rng([seed, 31])
+    lot = np.repeat(np.arange(count), each)
+    c = np.round(rng.lognormal(0.0, 0.5, count), 4)
+    slope = hidden * np.hypot(offset, each**-0.5) / float(np.linalg.norm(c - c.mean()))
+    return {
+        "y": (rng.normal(0.0, offset, count) + slope * c)[lot] + rng.normal(size=lot.size),
+        "a": rng.uniform(0.0, 10.0, lot.size),
+        "b": np.round(rng.normal(22.0, 1.5, count), 4)[lot],
+        "c": c[lot],
+        "lot": rng.permutation(count)[lot] + 1.0,
+    }
+
+
+def test_numbers_that_share_two_conditions_are_batches_however_few() -> None:
+    """Scans in three columns say nearly as much of eight lots as offsets do: they were taken for those in 11."""
+    tables = 120
+    called = sum(set(offsets(study(in_lots(seed, 8, 8, 2.0), "b0"))) == {"lot"} for seed in range(tables))
+    # An effect is significant there by chance in one of a hundred, and may leave too little to be offsets.
+    assert tables - called <= stats.binom.isf(1e-3, tables, 0.01)
+
+
+def test_one_quantity_in_two_units_names_no_batches() -> None:
+    x = np.repeat(np.arange(1.0, 13.0), 4)
+    rng = np.random.default_rng(4)
+    columns = {"y": np.sin(2.0 * np.pi * x / 5.3) + 0.1 * rng.normal(size=x.size), "x": x, "z": 32.0 + 1.8 * x}
+    assert offsets(study(columns, "b0")) == {}
+
+
+@pytest.mark.parametrize("count", [8, 16])
+def test_an_effect_between_lots_is_as_rare_by_chance_as_its_level_says(count: int) -> None:
+    columns = in_lots(1, count, 4, 0.0)
+    table = study(columns, "b0").data
+    lot = level_of(table.readings, "lot")
+    shapes = shapes_between(table.readings, table.generic, lot)
+    indicators = np.equal.outer(lot, np.arange(count)).astype(np.float64)
+    constant, draws, level = np.full((lot.size, 1), lot.size**-0.5), 100, 0.05
+    rng = np.random.default_rng(7)
+    noise = [rng.normal(size=count)[lot] + rng.normal(size=lot.size) for _ in range(draws)]
+    found = [significant_between(Between.of(each, constant, indicators), shapes, level) for each in noise]
+    assert sum(each is not None for each in found) <= stats.binom.isf(1e-3, draws, level)
+
+
+def between_lots(columns: Mapping[str, FloatArray]) -> float:
+    """The p-value of a line in c, of the lots' means."""
+    first = np.unique(columns["lot"], return_index=True)[1]
+    means = [columns["y"][columns["lot"] == columns["lot"][row]].mean() for row in first]
+    return float(stats.linregress(columns["c"][first], means).pvalue)
+
+
+@pytest.mark.parametrize("worded", [False, True])
+def test_an_effect_that_the_means_of_lots_show_is_found(worded: bool) -> None:
+    shown, found = 0, 0
+    for seed in range(8):
+        columns = in_lots(seed, 14, 6, 1.5, hidden=9.0)
+        if between_lots(columns) < 1e-5:
+            shown += 1
+            words = {"lot": [f"L{number:02.0f}" for number in columns["lot"]]} if worded else {}
+            numbers = {name: each for name, each in columns.items() if not (worded and name == "lot")}
+            names = named(diagnose(study(numbers, "b0", words), ()))
+            found += any(each.endswith("[c]") for each in names)
+    assert shown >= 4
+    assert found >= stats.binom.ppf(1e-3, shown, 0.98)

@@ -1,6 +1,6 @@
 """Tables in which nothing is hidden: how often is something found all the same?
 
-    python -m tests.foreign.false_alarms --trials 400 --out FILE [--kind KIND ...]
+    python -m tests.foreign.false_alarms --trials 400 --out FILE [--kind KIND ...] [--first SEED]
 
 One line of JSON for each kind of noise and seed; what stands in the file is not tried again. A table is a line (or a
 constant) and noise of its kind, 60 to 200 rows and 3 to 5 columns where the kind says nothing else; what the noise is
@@ -321,6 +321,7 @@ def summary(trials: list[Json]) -> tuple[str, bool]:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--trials", type=int, default=400, help="of each kind")
+    arguments.add_argument("--first", type=int, default=0, help="seed; others than those that a change was made on")
     arguments.add_argument("--kind", nargs="+", choices=list(KINDS), default=list(KINDS))
     arguments.add_argument("--out", type=Path, required=True)
     given = arguments.parse_args()
@@ -328,9 +329,10 @@ def main() -> None:
     lines = given.out.read_text().splitlines() if given.out.exists() else []
     trials: list[Json] = [json.loads(line) for line in lines]
     done = {(trial["kind"], trial["seed"]) for trial in trials}
-    for seed in range(given.trials):
+    for number in range(given.trials):
+        seed = given.first + number
         for kind in given.kind:
-            if (kind, seed) in done or seed >= given.trials * FEWER.get(kind, 400) // 400:
+            if (kind, seed) in done or number >= given.trials * FEWER.get(kind, 400) // 400:
                 continue
             trials.append(tried(kind, seed))
             with given.out.open("a") as file:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -98,8 +99,22 @@ class Scatter:
         for columns in asked:
             # Lots are numbered one by one, what else differs between them is not.
             name = min(columns, key=lambda column: not _is_even(column)).name
-            if self._shares_offsets(name, columns, SIGNIFICANT_NUMBER / len(asked)):
+            # Set-points of one quantity leave the others as they are: what they share besides is of a batch.
+            if self._share_conditions(level_of(self.readings, name)) or self._shares_offsets(
+                name, columns, SIGNIFICANT_NUMBER / len(asked)
+            ):
                 yield name
+
+    def _share_conditions(self, level: IntArray) -> bool:
+        """Whether two numbers or more that are no functions of each other are the same in all readings of a value."""
+        rows, inverse = np.unique(level, return_index=True, return_inverse=True)[1:]
+        values = [
+            column.values[rows]
+            for column in self.readings.columns.values()
+            if column.distinct.size >= WORDS_OF_A_SCATTER
+            and np.array_equal(column.values, column.values[rows][inverse])
+        ]
+        return any(not _go_together(one, other) for one, other in combinations(values, 2))
 
     def _shares_offsets(self, name: str, alike: Sequence[Column], level: float) -> bool:
         level_of_each = level_of(self.readings, name)
@@ -207,6 +222,12 @@ def _may_name_batches(column: Column, readings: Readings) -> bool:
         return False
     count = np.unique(column.values, return_counts=True)[1]
     return bool(count.var(ddof=1) <= DISPERSION * count.mean())
+
+
+def _go_together(one: FloatArray, other: FloatArray) -> bool:
+    """Whether one of two numbers rises or falls with the other throughout, as in another unit it does."""
+    steps = np.diff(one[np.lexsort((one, other))])
+    return bool(np.all(steps >= 0.0) or np.all(steps <= 0.0))
 
 
 def _is_even(column: Column) -> bool:
