@@ -62,6 +62,11 @@ class TestRun:
         )
 
     @property
+    def beside_hz(self) -> list[float]:
+        """The frequencies of `beside`, two rows each."""
+        return frequencies_beside(self.session, self.orbits * self.session.orbit_period_s)
+
+    @property
     def test_hz(self) -> float:
         """The frequency at which the satellite sees the Earth go round."""
         return self.session.orbital_hz + self.session.spin_hz
@@ -107,7 +112,7 @@ class TestSums:
         self._duration_s = len(t_s) * session.sample_period_s
         waves = [wave / self._duration_s for wave in range(1, _WAVES + 1)]
         known_hz = known_lines(session, self._duration_s)
-        self._lines_hz = [*waves, *known_hz, *_frequencies_beside(session, self._duration_s)]
+        self._lines_hz = [*waves, *known_hz, *frequencies_beside(session, self._duration_s)]
         self._fitted = len(GRAVITY) + _SLOW + 2 * (len(waves) + len(known_hz))
         count = _SLOW + 2 * len(self._lines_hz)
         self._shared = np.zeros((2, count, count))
@@ -167,7 +172,8 @@ def known_lines(session: Session, duration_s: float) -> list[float]:
     return kept
 
 
-def _frequencies_beside(session: Session, duration_s: float) -> list[float]:
+def frequencies_beside(session: Session, duration_s: float) -> list[float]:
+    """Where nothing is to be expected but noise: what is found there tells its level."""
     test = session.orbital_hz + session.spin_hz
     widest = int(BESIDE_ORBITAL * session.orbital_hz * duration_s)
     places = np.unique(np.linspace(2, max(widest, 3), _BESIDE // 2).astype(int))

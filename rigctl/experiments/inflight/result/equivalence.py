@@ -64,7 +64,22 @@ def _session(run: TestRun, calibrated: Calibrated) -> dict[str, Any]:
         "quadrature": {"value": float(values[1]), "sigma": float(sigma_noise[1])},
         "uncorrected": {"value": float(before[0]), "sigma": float(sigma_before[0])},
         "rows": rows(run, calibrated),
+        "spectrum": _spectrum(run, calibrated),
     }
+
+
+def _spectrum(run: TestRun, calibrated: Calibrated) -> dict[str, list[float]]:
+    """Amplitudes, m/s2, at the test's frequency and beside it, before correction and after."""
+    made: dict[str, list[float]] = {}
+    for name, values in (("before_m_s2", ALIKE), ("after_m_s2", calibrated.values)):
+        # Beside the line they are scaled to a density; at the line they are per gravity.
+        beside = run.spread[0] * (run.beside @ _equation(values[:, None], run)[:, 0])
+        at_line = _estimate(run, values[:, None])[:, 0]
+        pairs = np.vstack([at_line, beside.reshape(-1, 2)])
+        made[name] = [GRAVITY_M_S2 * float(np.hypot(*pair)) for pair in pairs]
+    order = np.argsort([run.test_hz, *run.beside_hz])
+    f_hz = [float(each) for each in np.array([run.test_hz, *run.beside_hz])[order]]
+    return {"f_hz": f_hz, **{name: [values[place] for place in order] for name, values in made.items()}}
 
 
 def rows(run: TestRun, calibrated: Calibrated) -> dict[str, dict[str, float]]:

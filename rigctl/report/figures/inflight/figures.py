@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rigctl.report.figures.data import Plate
+from rigctl.report.figures.inflight.equivalence import equivalence_plates
 from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
 from rigctl.report.quantities import number
 
@@ -60,7 +61,9 @@ class EstimateRow:
 
 def plates_of(result: Mapping[str, Any]) -> list[Plate[Any]]:
     """Those of a study of many calibrations, or of one."""
-    return [errors_plate(result), contributions_plate(result)] if "table2" in result else [estimates_plate(result)]
+    if "table2" in result:
+        return [errors_plate(result), contributions_plate(result)]
+    return [estimates_plate(result), *(equivalence_plates(result["ep"]) if "ep" in result else [])]
 
 
 def estimates_plate(result: Mapping[str, Any]) -> Plate[EstimateRow]:
