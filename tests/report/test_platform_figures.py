@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,28 @@ def test_scan_and_tilts_are_shown_together(figures: Path) -> None:
     assert [float(row["commanded_m_s2"]) for row in tilts] == pytest.approx([0.0, 1.0 / 825.0])
     for row in tilts:
         assert float(row["value_m_s2"]) == pytest.approx(float(row["printed_m_s2"]), abs=2e-6)
+
+
+def test_another_sensor_has_no_printed_numbers_and_units_of_its_own(tmp_path: Path) -> None:
+    """What the paper prints is of its two Q-Flex: chains a thousand times as sensitive stand for themselves."""
+    record(PlatformSettings(kind="rotating-platform", seed=41), [*RUNS[:3], RUNS[5]], tmp_path / "bundle")
+    header = tmp_path / "bundle" / "recording.toml"
+    text = header.read_text(encoding="utf-8")
+    for name, value in (("gain_q_a", 846.73), ("gain_q_b", 804.32), ("gain_dm1_y", 805.0), ("gain_dm1_z", 825.0)):
+        text, count = re.subn(rf"({name}_v_per_m_s2.*= )[0-9.]+", rf"\g<1>{1e3 * value}", text)
+        assert count == 1
+    header.write_text(text, encoding="utf-8")
+    runner, store = CliRunner(), str(tmp_path / "s.rig.sqlite")
+    for line in (["import", str(tmp_path / "bundle")], ["report", "--figures", str(tmp_path / "figures")]):
+        done = runner.invoke(app, [*line, *(["--store"] if line[0] == "import" else []), store])
+        assert done.exit_code == 0, done.output
+    for name in ("fig5", "fig8", "fig9", "table4"):
+        found = rows(tmp_path / "figures" / f"{name}.csv")
+        assert not any(row.get("printed_m_s2") or row.get("kind", "").startswith("printed") for row in found)
+    assert "Measurement 46" not in (tmp_path / "figures" / "figures.md").read_text(encoding="utf-8")
+    told = runner.invoke(app, ["result", store]).output
+    assert "Means of the runs / 1e-9 m/s2" in told
+    assert "Precision in an hour / 1e-10 m/s2" in told
 
 
 @pytest.mark.parametrize(

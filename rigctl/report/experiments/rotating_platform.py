@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -18,6 +19,7 @@ from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
 
 _EQUATION_6 = ("offset", "cos", "sin")
+_MEANS = ("accel_z", "accel_y", "bias_z", "bias_y")
 _TURNED_OVER = (("gain_v_per_m_s2", "scale factor", "V s2/m"), ("bias_v", "electrical bias", "V"))
 
 
@@ -72,13 +74,14 @@ def _recording(result: Mapping[str, Any]) -> ResultTable:
 
 def _scanned(scans: Sequence[Mapping[str, Any]]) -> ResultTable:
     """Eq. 6 measured beside eq. 6 printed, where a scan was made under the same tilt."""
+    unit = _unit([scan[channel][name] for scan in scans for channel in ("y", "z") for name in _EQUATION_6])
     rows = [
         [
             scan["run_id"],
-            f"{1e6 * scan['commanded_z_m_s2']:.0f}",
+            f"{scan['commanded_z_m_s2'] / unit:.0f}",
             f"m_{channel}",
-            *(_short(scan[channel][name]) for name in _EQUATION_6),
-            *(_printed(scan, channel, name) for name in _EQUATION_6),
+            *(_short(scan[channel][name], unit) for name in _EQUATION_6),
+            *(_printed(scan, channel, name, unit) for name in _EQUATION_6),
         ]
         for scan in scans
         for channel in ("y", "z")
@@ -92,41 +95,45 @@ def _scanned(scans: Sequence[Mapping[str, Any]]) -> ResultTable:
         "#sin",
         *(f"#{each}, printed" for each in _EQUATION_6),
     ]
-    return ResultTable("Readings over the platform's angle / 1e-6 m/s2 (eq. 6).", columns, rows)
+    return ResultTable(f"Readings over the platform's angle / {_power(unit)} m/s2 (eq. 6).", columns, rows)
 
 
-def _printed(scan: Mapping[str, Any], channel: str, name: str) -> str:
-    return f"{1e6 * SCAN_M_S2[channel][name]:.0f}" if scanned_alike(scan["commanded_z_m_s2"]) else ""
+def _printed(scan: Mapping[str, Any], channel: str, name: str, unit: float) -> str:
+    return f"{SCAN_M_S2[channel][name] / unit:.0f}" if scanned_alike(scan["commanded_z_m_s2"]) else ""
 
 
 def _means(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
+    unit = _unit([run[f"{name}_m_s2"] for run in runs for name in _MEANS])
     rows = [
         [
             run["run_id"],
             f"{run['pattern']} {run['modulation_period_s']:g} s",
             f"{run['periods']} ({run['refitted']})" if run["refitted"] else str(run["periods"]),
-            *(_short(run[f"{name}_m_s2"]) for name in ("accel_z", "accel_y", "bias_z", "bias_y")),
+            *(_short(run[f"{name}_m_s2"], unit) for name in _MEANS),
         ]
         for run in runs
     ]
     columns = ["run", "pattern", "#periods", "#accel z", "#accel y", "#bias z", "#bias y"]
     marked = [run["refitted"] > 0 or run["invalid"] > 0 for run in runs]
-    return ResultTable("Means of the runs / 1e-6 m/s2 (refitted periods in brackets).", columns, rows, marked)
+    title = f"Means of the runs / {_power(unit)} m/s2 (refitted periods in brackets)."
+    return ResultTable(title, columns, rows, marked)
 
 
 def _precision(result: Mapping[str, Any]) -> ResultTable:
+    theory = [run["precision_1h_m_s2"][channel]["theory"] for run in result["runs"] for channel in ("z", "y")]
+    unit = 10.0 ** math.floor(math.log10(min(theory, default=1.0)))
     rows = [
         [
             run["run_id"],
             run["estimator"],
-            *(_of_an_hour(run["precision_1h_m_s2"][channel]) for channel in ("z", "y")),
+            *(_of_an_hour(run["precision_1h_m_s2"][channel], unit) for channel in ("z", "y")),
             f"{run['conditions']['m0']:.1e} {run['conditions']['m1']:.1e} {run['conditions']['m2']:.1e}",
         ]
         for run in result["runs"]
     ]
     columns = ["run", "estimator", "#z: theory, measured", "#y: theory, measured", "#m0 m1 m2"]
     noise = ", ".join(f"{channel}: {each['source']}" for channel, each in result["theory_noise"].items())
-    return ResultTable(f"Precision in an hour / 1e-7 m/s2 (99 %); theory of {noise}.", columns, rows)
+    return ResultTable(f"Precision in an hour / {_power(unit)} m/s2 (99 %); theory of {noise}.", columns, rows)
 
 
 def _responses(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
@@ -146,17 +153,27 @@ def _responses(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
     return ResultTable(title, columns, rows)
 
 
-def _short(value: Mapping[str, float | None]) -> str:
+def _unit(values: Sequence[Mapping[str, float | None]]) -> float:
+    """The power of a thousand in which the largest has up to four digits before the point [m/s2]."""
+    largest = max((abs(value["value"] or 0.0) for value in values), default=0.0)
+    return 10.0 ** (3 * math.floor((math.log10(largest) - 1.0) / 3.0)) if largest > 0.0 else 1.0
+
+
+def _power(unit: float) -> str:
+    return f"1e{round(math.log10(unit))}"
+
+
+def _short(value: Mapping[str, float | None], unit: float) -> str:
     mean, sigma = value["value"], value["sigma"]
     if mean is None or sigma is None:
         return "-"
     # The heading of the table has the power of ten.
-    return quantity(1e6 * mean, 1e6 * sigma).replace(" +- ", "±")
+    return quantity(mean / unit, sigma / unit).replace(" +- ", "±")
 
 
-def _of_an_hour(value: Mapping[str, Any]) -> str:
-    theory = f"{1e7 * value['theory']:.2f}"
+def _of_an_hour(value: Mapping[str, Any], unit: float) -> str:
+    theory = f"{value['theory'] / unit:.2f}"
     if value["measured"] is None:
         return f"{theory}, -"
     low, high = value["interval_99"]
-    return f"{theory}, {1e7 * value['measured']:.2f} ({1e7 * low:.2f} to {1e7 * high:.2f})"
+    return f"{theory}, {value['measured'] / unit:.2f} ({low / unit:.2f} to {high / unit:.2f})"

@@ -18,6 +18,15 @@ SCAN_COMMANDED_M_S2 = -0.5 / 825.0
 """Eq. 6: the tilt during the scan, V_Z = -0.5 V: there eq. 13 gives an acceleration along Z of the printed sign."""
 
 
+GAIN_V_PER_M_S2: Mapping[str, float] = {"z": 846.73, "y": 804.32}
+"""Scale factors of the two Q-Flex chains: what is printed is of these."""
+
+
+def same_sensors(gain_v_per_m_s2: Mapping[str, float]) -> bool:
+    """Whether chains believed to have these scale factors are those that the paper has numbers for."""
+    return all(math.isclose(gain_v_per_m_s2[each], gain, rel_tol=0.01) for each, gain in GAIN_V_PER_M_S2.items())
+
+
 def scanned_alike(commanded_m_s2: float) -> bool:
     """Whether a scan under this commanded tilt is one that eq. 6 has numbers for."""
     return math.isclose(commanded_m_s2, SCAN_COMMANDED_M_S2, rel_tol=0.01)

@@ -42,46 +42,56 @@ class AlignmentRow:
 
 
 def alignment_plate(
-    result: PlatformResult, scans: Sequence[Scan], steady: Sequence[RunResult]
+    result: PlatformResult, scans: Sequence[Scan], steady: Sequence[RunResult], *, printed: bool
 ) -> Plate[AlignmentRow]:
-    """Readings against the angle (eq. 6) and accelerations against the commanded tilt (eq. 13)."""
+    """Readings against the angle (eq. 6) and accelerations against the commanded tilt (eq. 13).
+
+    With the `printed` ones where the paper has numbers for the sensors.
+    """
     rows: list[AlignmentRow] = []
     for scan in scans:
-        rows += _scan_rows(scan)
+        rows += _scan_rows(scan, printed=printed and published.scanned_alike(scan.commanded_m_s2))
     for run in steady:
         # Periods that do not count have no command.
         commanded = float(np.nanmean(run.commanded))
         value = run.values["z"]["accel"]
         fitted = result.tilt_gain.value * commanded + result.accel_m_s2["z"].value
-        printed = published.TILT_GAIN * commanded + published.INTERCEPT_M_S2
-        rows.append(
-            AlignmentRow("tilt", run.run.run_id, "z", 0.0, commanded, value.value, value.sigma, fitted, printed)
-        )
+        line = published.TILT_GAIN * commanded + published.INTERCEPT_M_S2 if printed else None
+        rows.append(AlignmentRow("tilt", run.run.run_id, "z", 0.0, commanded, value.value, value.sigma, fitted, line))
+    gain, intercept = number(result.tilt_gain.value, 5), number(result.accel_m_s2["z"].value, 5)
+    beside = _axes_beside_printed(scans) if printed else ""
+    tilts = (
+        f"printed line (eq. 13, {published.SOURCE}): measured gain {gain}, printed {published.TILT_GAIN:g}; measured "
+        f"intercept {intercept} m/s2, printed {published.INTERCEPT_M_S2:g}."
+        if printed
+        else f"fitted line (eq. 13): gain {gain}, intercept {intercept} m/s2."
+    )
     caption = (
-        f"(a) Readings over the platform's angle and their fits (eq. 6).{_axes_beside_printed(scans)} "
-        f"(b) Acceleration of each run against the "
-        f"commanded tilt less the printed line (eq. 13, {published.SOURCE}): measured gain "
-        f"{number(result.tilt_gain.value, 5)}, printed {published.TILT_GAIN:g}; measured intercept "
-        f"{number(result.accel_m_s2['z'].value, 5)} m/s2, printed {published.INTERCEPT_M_S2:g}."
+        f"(a) Readings over the platform's angle and their fits (eq. 6).{beside} "
+        f"(b) Acceleration of each run against the commanded tilt less the {tilts}"
     )
     return Plate("fig5", caption, rows, draw_alignment)
 
 
-def _scan_rows(scan: Scan) -> list[AlignmentRow]:
+def _scan_rows(scan: Scan, *, printed: bool) -> list[AlignmentRow]:
     between_deg = np.arange(0.0, 360.1, CURVE_STEP_DEG)
     rows = []
     for channel in CHANNELS:
         read = zip(np.degrees(scan.theta_rad), scan.readings_m_s2[channel], strict=True)
-        rows += [_scan_row(scan, "scan", channel, float(angle), float(value)) for angle, value in read]
-        rows += [_scan_row(scan, "curve", channel, float(angle), None) for angle in between_deg]
+        rows += [
+            _scan_row(scan, "scan", channel, float(angle), float(value), printed=printed) for angle, value in read
+        ]
+        rows += [_scan_row(scan, "curve", channel, float(angle), None, printed=printed) for angle in between_deg]
     return rows
 
 
-def _scan_row(scan: Scan, kind: str, channel: str, theta_deg: float, value: float | None) -> AlignmentRow:
+def _scan_row(
+    scan: Scan, kind: str, channel: str, theta_deg: float, value: float | None, *, printed: bool
+) -> AlignmentRow:
     fit, command = scan.fits[channel], scan.commanded_m_s2
     measured = _equation_6({name: fit.value(name) for name in fit.names}, theta_deg)
-    printed = _equation_6(published.SCAN_M_S2[channel], theta_deg) if published.scanned_alike(command) else None
-    return AlignmentRow(kind, scan.run_id, channel, theta_deg, command, value, 0.0, measured, printed)
+    beside = _equation_6(published.SCAN_M_S2[channel], theta_deg) if printed else None
+    return AlignmentRow(kind, scan.run_id, channel, theta_deg, command, value, 0.0, measured, beside)
 
 
 def _equation_6(coefficients: Mapping[str, float], theta_deg: float) -> float:
@@ -110,7 +120,7 @@ def _axes_beside_printed(scans: Sequence[Scan]) -> str:
 
 
 def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
-    """Two panels: the scan, the tilt regression less the printed line."""
+    """Two panels: the scan, the tilt regression less the printed line, or the fitted one where none is printed."""
     figure = new_figure(2.6)
     scan, tilt = figure.subplots(1, 2)
     for run_id in dict.fromkeys(row.run_id for row in rows if row.kind == "scan"):
@@ -125,19 +135,21 @@ def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     look = series_style(0)
     tilt.errorbar(
         [r.commanded_m_s2 for r in points],
-        # Less the printed line: the slope is near 1, and differences would not be seen.
-        [(r.value_m_s2 or 0.0) - (r.printed_m_s2 or 0.0) for r in points],
+        # Less a line: the slope is near 1, and differences would not be seen.
+        [(r.value_m_s2 or 0.0) - _line(r) for r in points],
         yerr=[r.sigma_m_s2 for r in points],
         fmt=look.marker,
         color=look.color,
         label="measured",
     )
     points = sorted(points, key=lambda r: r.commanded_m_s2)
-    difference = [r.fitted_m_s2 - (r.printed_m_s2 or 0.0) for r in points]
+    difference = [r.fitted_m_s2 - _line(r) for r in points]
     tilt.plot([r.commanded_m_s2 for r in points], difference, color=look.color, label="fit")
-    tilt.axhline(0.0, color=INK, linestyle="--", linewidth=0.7, label="printed")
+    printed = any(r.printed_m_s2 is not None for r in points)
+    if printed:
+        tilt.axhline(0.0, color=INK, linestyle="--", linewidth=0.7, label="printed")
     tilt.set_xlabel("commanded tilt / m/s²")
-    tilt.set_ylabel("acceleration less printed / m/s²")
+    tilt.set_ylabel(f"acceleration less {'printed' if printed else 'fit'} / m/s²")
     tilt.legend(loc="best")
     for panel, letter in ((scan, "a"), (tilt, "b")):
         panel.ticklabel_format(axis="y", scilimits=(-3, 4))
@@ -146,6 +158,10 @@ def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     scan.set_xticks(range(0, 361, 90))
     tilt.ticklabel_format(axis="x", scilimits=(-2, 4))
     return figure
+
+
+def _line(row: AlignmentRow) -> float:
+    return row.fitted_m_s2 if row.printed_m_s2 is None else row.printed_m_s2
 
 
 def _draw_scan(panel: Axes, rows: Sequence[AlignmentRow]) -> None:

@@ -43,9 +43,9 @@ class CourseRow:
 
 
 def course_plate(
-    name: str, external: str, runs: Sequence[RunResult], result: PlatformResult, chains: Chains
+    name: str, external: str, runs: Sequence[RunResult], result: PlatformResult, chains: Chains, *, printed: bool
 ) -> Plate[CourseRow]:
-    """Outputs over time under an external triangle or sine."""
+    """Outputs over time under an external triangle or sine; `printed` where the paper has numbers for the sensors."""
     rows: list[CourseRow] = []
     responses: list[str] = []
     for run in runs:
@@ -83,8 +83,10 @@ def course_plate(
             )
     said = ""
     if external == "sine":
-        said = (
-            f" {'; '.join(responses)}. Printed for pattern a, {published.SINE_TAU_S:g} s, {published.SINE_V:g} V: "
+        said = f" {'; '.join(responses)}."
+    if external == "sine" and printed:
+        said += (
+            f" Printed for pattern a, {published.SINE_TAU_S:g} s, {published.SINE_V:g} V: "
             f"{published.BIAS_PP_M_S2:g} expected, {published.BIAS_PP_MEASURED_M_S2:g} measured, "
             f"{published.SHIFT_MIN:g} min stamped at the end ({published.SOURCE}, figure 8)."
         )

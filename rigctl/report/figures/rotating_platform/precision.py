@@ -41,8 +41,11 @@ class PrecisionRow:
     high_m_s2: float | None = None
 
 
-def precision_plate(result: PlatformResult, chains: Chains) -> Plate[PrecisionRow]:
-    """Precision in an hour against the modulation period: measured, theory by pattern, eq. 17, printed."""
+def precision_plate(result: PlatformResult, chains: Chains, *, printed: bool) -> Plate[PrecisionRow]:
+    """Precision in an hour against the modulation period: measured, theory by pattern, eq. 17.
+
+    With the `printed` ones where the paper has numbers for the sensors.
+    """
     chain = result.chain_noise["z"]
     density = chain.noise.in_units_of(chains.gain_v_per_m_s2["z"])
     rows = _measured(result.runs)
@@ -56,9 +59,11 @@ def precision_plate(result: PlatformResult, chains: Chains) -> Plate[PrecisionRo
     caption = (
         "Precision of the mean acceleration in an hour against the modulation period: from the scatter of each run's "
         "periods with 99 % intervals, z channel; theory from the chain's noise (two-sided, "
-        f"{chain.source}) with the general formula; eq. 17, the simplified formula; and what table 4 prints "
-        f"({published.SOURCE})."
+        f"{chain.source}) with the general formula; eq. 17, the simplified formula"
     )
+    if not printed:
+        return Plate("fig9", f"{caption}.", rows, draw_precision)
+    caption += f"; and what table 4 prints ({published.SOURCE})."
     return Plate("fig9", caption, [*rows, *_printed()], draw_precision)
 
 
@@ -106,7 +111,9 @@ def draw_precision(rows: Sequence[PrecisionRow]) -> Figure:
         _draw_curve(axes, curve, _PERIOD, color=look.color, linestyle=look.line, label=f"pattern {pattern}")
         _draw_intervals(axes, points, [r.modulation_period_s for r in points], look)
     _draw_curve(axes, [r for r in rows if r.kind == "eq. 17"], _PERIOD, color=SOFT, label="eq. 17")
-    _draw_curve(axes, [r for r in rows if r.kind == "printed"], _PERIOD, "x", color=INK, label="printed")
+    beside = [r for r in rows if r.kind == "printed"]
+    if beside:
+        _draw_curve(axes, beside, _PERIOD, "x", color=INK, label="printed")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("modulation period τ / s")
@@ -115,8 +122,11 @@ def draw_precision(rows: Sequence[PrecisionRow]) -> Figure:
     return figure
 
 
-def table_plate(result: PlatformResult) -> Plate[PrecisionRow]:
-    """Table 4: precision with pattern c of a minute by sampling rate; every run where there is none such."""
+def table_plate(result: PlatformResult, *, printed: bool) -> Plate[PrecisionRow]:
+    """Table 4: precision with pattern c of a minute by sampling rate; every run where there is none such.
+
+    With the `printed` ones where the paper has numbers for the sensors.
+    """
     # It compares sampling rates: with another pattern or period the precision is another anyway.
     runs = [
         run
@@ -124,9 +134,12 @@ def table_plate(result: PlatformResult) -> Plate[PrecisionRow]:
         if run.run.conditions["pattern"] == "c" and math.isclose(run.sampled.pattern.period_s, 60.0, rel_tol=1e-3)
     ] or result.runs
     theory = [_of_run(run, "theory", name, run.precision[name].theory) for run in runs for name in CHANNELS]
-    caption = (
-        "Precision of the mean acceleration in an hour by sampling rate, with 99 % intervals, beside theory and what "
-        f"table 4 prints ({published.SOURCE}): its three values are not compatible with each other (p = 0.015)."
+    caption = "Precision of the mean acceleration in an hour by sampling rate, with 99 % intervals, beside theory"
+    if not printed:
+        return Plate("table4", f"{caption}.", [*_measured(runs), *theory], draw_table)
+    caption += (
+        f" and what table 4 prints ({published.SOURCE}): its three values are not compatible with each other "
+        "(p = 0.015)."
     )
     return Plate("table4", caption, [*_measured(runs), *theory, *_printed()], draw_table)
 
@@ -146,8 +159,12 @@ def draw_table(rows: Sequence[PrecisionRow]) -> Figure:
             else:
                 sigma = [r.sigma_m_s2 for r in points]
                 axes.plot(at, sigma, "_", color=look.color, markersize=14.0, label=label)
-    _draw_curve(axes, [r for r in rows if r.kind == "printed"], "sample_rate_hz", "x", color=INK, label="printed")
-    axes.axhline(published.PRECISION_THEORY_M_S2, color=INK, linestyle="--", linewidth=0.7, label="printed theory")
+    beside = [r for r in rows if r.kind == "printed"]
+    if beside:
+        _draw_curve(axes, beside, "sample_rate_hz", "x", color=INK, label="printed")
+    for row in rows:
+        if row.kind == "printed theory":
+            axes.axhline(row.sigma_m_s2, color=INK, linestyle="--", linewidth=0.7, label=row.kind)
     axes.set_xscale("log")
     axes.set_xlabel("sampling rate / Hz")
     axes.set_ylabel("σ in 1 h / m/s²")
@@ -157,31 +174,28 @@ def draw_table(rows: Sequence[PrecisionRow]) -> Figure:
 
 @dataclass(frozen=True)
 class NoiseRow:
-    """A band of a noise record's two-sided spectrum, with the fit and eq. 1 there."""
+    """A band of a noise record's two-sided spectrum, with the fit and, for the paper's sensors, eq. 1 there."""
 
     run_id: str
     channel: str
     frequency_hz: float
     density_v2_hz: float
     fitted_v2_hz: float
-    printed_v2_hz: float
+    printed_v2_hz: float | None
 
 
-def noise_plate(noises: Sequence[NoiseRecord]) -> Plate[NoiseRow]:
-    """Spectra of the noise records beside eq. 1."""
-    rows = [
-        NoiseRow(each.run_id, each.channel, float(f), float(density), float(fitted), float(printed))
-        for each in noises
-        for f, density, fitted, printed in zip(
-            each.spectrum.frequency_hz,
-            each.spectrum.density,
-            each.fit(each.spectrum.frequency_hz),
-            Q_FLEX_NOISE_V(each.spectrum.frequency_hz),
-            strict=True,
-        )
-    ]
-    caption = f"Noise of the chains at their outputs, two-sided, with the fitted form and eq. 1 ({published.SOURCE})."
-    return Plate("noise", caption, rows, draw_noise)
+def noise_plate(noises: Sequence[NoiseRecord], *, printed: bool) -> Plate[NoiseRow]:
+    """Spectra of the noise records, beside eq. 1 where it is `printed` of the sensors."""
+    rows = []
+    for each in noises:
+        frequency_hz = each.spectrum.frequency_hz
+        beside = Q_FLEX_NOISE_V(frequency_hz).tolist() if printed else [None] * len(frequency_hz)
+        columns = (frequency_hz.tolist(), each.spectrum.density.tolist(), each.fit(frequency_hz).tolist(), beside)
+        rows += [NoiseRow(each.run_id, each.channel, *band) for band in zip(*columns, strict=True)]
+    caption = "Noise of the chains at their outputs, two-sided, with the fitted form"
+    return Plate(
+        "noise", f"{caption} and eq. 1 ({published.SOURCE})." if printed else f"{caption}.", rows, draw_noise
+    )
 
 
 def draw_noise(rows: Sequence[NoiseRow]) -> Figure:
@@ -194,8 +208,9 @@ def draw_noise(rows: Sequence[NoiseRow]) -> Figure:
         frequency = [row.frequency_hz for row in bands]
         axes.plot(frequency, [row.density_v2_hz for row in bands], look.marker, color=look.color, label=" ".join(key))
         axes.plot(frequency, [row.fitted_v2_hz for row in bands], linestyle=look.line, color=look.color)
-    bands = sorted(rows, key=lambda row: row.frequency_hz)
-    axes.plot([r.frequency_hz for r in bands], [r.printed_v2_hz for r in bands], "--", color=INK, label="eq. 1")
+    printed = sorted((row.frequency_hz, row.printed_v2_hz) for row in rows if row.printed_v2_hz is not None)
+    if printed:
+        axes.plot(*zip(*printed, strict=True), "--", color=INK, label="eq. 1")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("frequency / Hz")
