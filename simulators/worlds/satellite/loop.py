@@ -16,6 +16,7 @@ from simulators.worlds.satellite import layout
 from simulators.worlds.satellite.believed import believed_gravity
 from simulators.worlds.satellite.layout import LANES
 from simulators.worlds.satellite.normals import PER_STEP, fill
+from simulators.worlds.satellite.sensor_noise import sensor_noise
 from simulators.worlds.satellite.thrusters import quantise
 
 KeyArray = NDArray[np.uint64]
@@ -39,7 +40,6 @@ _E1, _E2, _GYRO, _TRACKER, _DO = _P["axis_1"], _P["axis_2"], _P["gyro"], _P["tra
 _S = layout.by_lane(layout.STATE)
 _ANGLE, _RATE, _I1, _I2, _LAG = _S["attitude"], _S["rate"], _S["integral"], _S["double"], _S["lagged"]
 _TH, _WH, _BH, _ASKED, _THRUST = _S["angle"], _S["turning"], _S["drift"], _S["asked"], _S["thrust"]
-_READ, _RED1, _RED2 = _S["readout"], _S["red_1"], _S["red_2"]
 
 _C = layout.CONSTANT
 _DT, _IN1, _IN2, _K, _WI, _TAU = _C["step"], _C["input_1"], _C["input_2"], _C["gain"], _C["integral"], _C["lag"]
@@ -97,7 +97,7 @@ def advance(
     for row in range(forcing.shape[0]):
         f = forcing[row]
         fill(noise, words, doubles, keys, first + row)
-        _sensor_noise(sensor, noise, s, red, n_read, f[_LOUD])
+        sensor_noise(sensor, noise, s, red, n_read, f[_LOUD])
         loud_yz = n_yz * f[_LOUD]
         for i in range(L):
             # Satellite: what was asked for in the last step acts now.
@@ -324,29 +324,3 @@ def advance(
                     + p[at + 5 * L + i] * s[_ASKED + 5 * L + i]
                     + loud * noise[(14 + axis) * L + i]
                 )
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _sensor_noise(
-    sensor: FloatArray, noise: FloatArray, s: FloatArray, red: FloatArray, readout: float, loud: float
-) -> None:
-    """Of both x sensors: white and 1/f acceleration, and a position noise differentiated twice."""
-    for mass in range(2):
-        at = _RED1 if mass == 0 else _RED2
-        held = _READ + 2 * mass * L
-        for i in range(L):
-            sensor[mass * L + i] = noise[mass * L + i]
-        for pole in range(_POLES):
-            p, r = red[mass, 0, pole], red[mass, 1, pole]
-            place = at + pole * L
-            for i in range(L):
-                sensor[mass * L + i] += r * s[place + i]
-                s[place + i] = p * s[place + i] + noise[mass * L + i]
-        white = red[mass, 2, 0]
-        for i in range(L):
-            now = noise[(2 + mass) * L + i]
-            # Second difference: the read-out's noise is one of position, and the loop measures accelerations.
-            twice = now - 2.0 * s[held + i] + s[held + L + i]
-            s[held + L + i] = s[held + i]
-            s[held + i] = now
-            sensor[mass * L + i] = loud * (white * sensor[mass * L + i] + readout * twice)
