@@ -145,7 +145,7 @@ def without_pulses(settings, session, draws):
 def test_among_gaps_and_pulses_of_all_sizes_sigma_grows_by_less_than_a_tenth_and_nothing_shifts(
     session, amplitude_m_s2
 ):
-    draws = tuple(range(6))
+    draws = tuple(range(4))
     settings = nature(eotvos=1e-14)
     quiet, loud = (
         without_pulses(each, session, draws) for each in (settings, crackling(settings, amplitude_m_s2, missing=0.05))
