@@ -9,6 +9,7 @@ from rigctl.core.satellites import FlightSession
 from rigctl.experiments.inflight.model.parameters import NAMES, SHARED
 from rigctl.experiments.inflight.observe.equivalence import reduce_test
 from rigctl.experiments.inflight.observe.pulses import FALSE_PER_DAY
+from rigctl.experiments.inflight.observe.series import INDEX
 from rigctl.experiments.inflight.observe.sessions import Session
 from rigctl.experiments.inflight.result.equivalence import Calibrated, calibrated_of, equivalence
 from rigctl.experiments.inflight.result.missions import reduced_tests, run_of
@@ -268,6 +269,19 @@ def test_reduced_while_it_comes_down_a_session_is_what_it_is_as_a_whole():
         assert found[0]["combined"]["delta"]["value"] == pytest.approx(
             found[1]["combined"]["delta"]["value"], abs=1e-6 * sigma
         )
+
+
+def test_powers_count_from_the_level_of_the_calibration_as_if_the_samples_did():
+    samples, level = flown(nature(noise_on=False), "ep_spin")[0], 3e-7
+    moved = {**samples, "m1_x": samples["m1_x"] - level, "m2_x": samples["m2_x"] + level}
+    conditions = {"session": "ep_spin", "spin_frequency_hz": SPIN_HZ}
+    counted, expected = (reduce_test("1", conditions, each, ORBIT_S) for each in (samples, moved))
+    counted = counted.about(level)
+    for name in ("m1^2", "m2^2", "m1 m2", "m1^3", "m2^3"):
+        place = INDEX[name]
+        for found, wanted in ((counted.amplitudes, expected.amplitudes), (counted.beside, expected.beside)):
+            scale = np.max(np.abs(wanted[:, place]))
+            np.testing.assert_allclose(found[:, place], wanted[:, place], atol=1e-6 * scale)
 
 
 def test_what_cannot_be_a_session_of_the_test_is_refused_in_a_line():
