@@ -69,7 +69,13 @@ def test_the_result_at_a_terminal_and_as_json(store: Path) -> None:
     told = run("result", store, "--json")
     assert [each["run_id"] for each in told["runs"]] == ["r01", "r02", "r03"]
     assert (told["scans"], told["noise"]) == ([], [])
+    budget = told["budget"]
+    assert budget["outputs"] == ["tilt_gain", "accel_z", "accel_y", "wobble_a", "wobble_b"]
+    assert budget["combined"][1] == pytest.approx(told["accel_m_s2"]["z"]["sigma"], rel=1e-6)
+    assert budget["covariance"][1][1] == pytest.approx(budget["combined"][1] ** 2, rel=1e-6, abs=0.0)
+    assert budget["monte_carlo"]["validated"], budget["monte_carlo"]["reason"]
     shown = run("result", store)
+    assert "expanded" in shown and "Monte Carlo: the first order agrees" in shown
     assert "gain of the commanded tilt │ 0.96" in " ".join(shown.split())
     assert "Not tested by any modulation: theta-locked-bias, pendulum-reaction." in shown
 

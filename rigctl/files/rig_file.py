@@ -121,6 +121,12 @@ class RigFile(Table):
         from_tilt = math.tan(head.tilt_rad) * math.radians(known.get("tilt_deg", 0.0))
         return head.model_copy(update={"u_scale": math.hypot(known.get("scale", 0.0), from_tilt)})
 
+    @property
+    def uncertainties(self) -> dict[str, dict[str, float]]:
+        """Standard uncertainties of the certificates by name and quantity; those of the constants as "constants"."""
+        certified = {name: dict(each.uncertainty) for name, each in self.certificates.items()}
+        return {**certified, "constants": {name: each.u for name, each in self.constants.items()}}
+
     def constant(self, name: str, default: float) -> float:
         """Value of a constant, or the default."""
         return self.constants[name].value if name in self.constants else default

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.store_reduction import reduction
-from rigctl.experiments.rotating_platform.result.alignment import Value
+from rigctl.experiments.rotating_platform.result.alignment import Fitted
 from rigctl.experiments.rotating_platform.result.bench_runs import flips, scans
 from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise, noise_records
-from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
+from rigctl.experiments.rotating_platform.result.result import RESULTS, PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.workbench.verdict.fit import parameters_of
+from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.workbench import Workbench
 
 
@@ -48,9 +51,17 @@ def analyse(workbench: Workbench) -> PlatformResult:
     studied = workbench.study
     if not isinstance(studied, PlatformStudy):
         raise DataError(f"{workbench.store.path}: '{workbench.store.header.experiment}' recordings have no platform")
-    found = parameters_of(studied, workbench.current.terms)
-    fitted = {name: Value(each.value, each.sigma) for name, each in found.items()}
+    fitted = results_of(studied, workbench.current.terms)
     header = workbench.store.header
     records, silent = noise_records(workbench.store)
     left_out = {**studied.left_out, **silent}
-    return platform_result(studied.recorded, chains(header), fitted, left_out, chain_noise(header, records), records)
+    return platform_result(studied.recorded, header, fitted, left_out, chain_noise(header, records), records)
+
+
+def results_of(study: PlatformStudy, terms: Sequence[Term]) -> Fitted:
+    """The results among the parameters of a model, with their covariance."""
+    attempt = Attempt(study, terms)
+    names = [each.name for each in attempt.model.parameters]
+    places = [names.index(name) for name in RESULTS]
+    covariance = attempt.uncertainty.covariance[np.ix_(places, places)]
+    return Fitted(RESULTS, attempt.result.values[places], covariance)

@@ -11,7 +11,7 @@ from rigctl.campaign.recording import Header, RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
-from rigctl.experiments.sensing_axis.result.budget import CONSTANTS, Uncertainties, axis_budgets
+from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.files.rig_file import parse_rig
@@ -50,6 +50,4 @@ def uncertainties_of(header: Header) -> Uncertainties:
     """Standard uncertainties from the rig file's certificates, by name, and of its constants."""
     if header.rig_toml is None:
         return {}
-    rig = parse_rig(header.rig_toml, Path("rig file"))
-    certified = {name: dict(certificate.uncertainty) for name, certificate in rig.certificates.items()}
-    return {**certified, CONSTANTS: {name: constant.u for name, constant in rig.constants.items()}}
+    return parse_rig(header.rig_toml, Path("rig file")).uncertainties

@@ -48,10 +48,17 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
     notes = [remark for run in runs for remark in run["remarks"]]
     notes += [f"left out: {why}" for why in found["left_out"].values()]
     notes.append(f"Not tested by any modulation: {', '.join(found['not_tested'])}.")
-    shown = [_recording(found), _scanned(found.get("scans", ())), _means(runs), _precision(found), _responses(runs)]
+    shown = [
+        _recording(found),
+        _scanned(found.get("scans", ())),
+        _means(runs),
+        _precision(found),
+        _responses(runs),
+        *([_budget(found["budget"])] if found.get("budget") else []),
+    ]
     # Notes stand once, below the last table.
     *others, last = [each for each in shown if each.rows]
-    return [*others, replace(last, notes=notes)]
+    return [*others, replace(last, notes=[*last.notes, *notes])]
 
 
 def _recording(result: Mapping[str, Any]) -> ResultTable:
@@ -151,6 +158,23 @@ def _responses(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
     columns = ["run", "external", "#accel z p-p", "#bias z p-p", "#start", "#centre", "#end"]
     title = "Peak to peak / m/s2, and by how many minutes the bias lags (stamped at start, centre, end)."
     return ResultTable(title, columns, rows)
+
+
+def _budget(told: Mapping[str, Any]) -> ResultTable:
+    """What the uncertainty of each output is made of, 1 sigma."""
+    rows = [
+        [each["name"], each["type"], each["input"], *(f"{u:.2g}" for u in each["u"])]
+        for each in told["contributions"]
+        if any(each["u"])
+    ]
+    rows.append(["combined", "", "", *(f"{u:.2g}" for u in told["combined"])])
+    rows.append(["expanded (95 %)", "", "", *(f"{u:.2g}" for u in told["expanded_95"])])
+    # Combined and expanded, which are no contributions.
+    marked = [False] * (len(rows) - 2) + [True, True]
+    columns = ["contribution", "type", "input", *(f"#{name}" for name in told["outputs"])]
+    notes = [f"Monte Carlo: {told['monte_carlo']['reason']}"]
+    title = "Uncertainty of tilt gain / 1, accelerations / m/s2, wobbles / rad."
+    return ResultTable(title, columns, rows, marked, notes, "Budget")
 
 
 def _unit(values: Sequence[Mapping[str, float | None]]) -> float:

@@ -14,11 +14,11 @@ from scipy import stats
 from benchmarks.platform_sampler import Columns, SampledRun, sampled
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.analysis import results_of
 from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE_V, PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.noise_fit import fit_noise
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.spectrum import noise_spectrum
-from rigctl.experiments.rotating_platform.result.alignment import Value
 from rigctl.experiments.rotating_platform.result.bench_runs import flips, scans
 from rigctl.experiments.rotating_platform.result.chain_noise import (
     EQUATION_1,
@@ -32,7 +32,6 @@ from rigctl.experiments.rotating_platform.result.result import (
     platform_result,
 )
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.workbench.verdict.fit import fit
 from simulators.worlds.platform_settings import PlatformSettings
 
 SILENT: dict[str, Any] = {
@@ -49,9 +48,8 @@ def result(
     nature = PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 31, **settings})
     recording = sampled(nature, runs, spoil)
     study = PlatformStudy(recording)
-    found = {name: Value(each.value, each.sigma) for name, each in fit(study, ()).parameters.items()}
     noises = chain_noise(recording.header, ())
-    return platform_result(study.recorded, chains(recording.header), found, study.left_out, noises)
+    return platform_result(study.recorded, recording.header, results_of(study, ()), study.left_out, noises)
 
 
 @pytest.fixture(scope="module")

@@ -46,6 +46,10 @@ class Fitted:
         index = self.names.index(name)
         return math.sqrt(float(self.covariance[index, index]))
 
+    def quantity(self, name: str) -> Value:
+        """Both."""
+        return Value(self.value(name), self.sigma(name))
+
     def as_json(self, unit: float = 1.0) -> dict[str, Any]:
         """Every parameter, `unit` times as large, within `rigctl result --json`."""
         return {name: Value(unit * self.value(name), unit * self.sigma(name)).as_json() for name in self.names}
@@ -119,15 +123,18 @@ def axes(scan_y: Fitted, scan_z: Fitted) -> Axes:
     return Axes(Value(ratio, ratio * relative), Value(excess, math.hypot(phase_y.sigma, phase_z.sigma)))
 
 
-def wobble(bias: Value, electrical_bias_v: Value, gain_v_per_m_s2: Value, g_m_s2: float) -> Value:
-    """The wobble of a sensor [rad] from its `bias` [m/s2], its chain's electrical bias and assumed scale factor."""
-    electrical = electrical_bias_v.value / gain_v_per_m_s2.value
-    sigma = math.hypot(
-        bias.sigma,
-        electrical_bias_v.sigma / gain_v_per_m_s2.value,
-        electrical * gain_v_per_m_s2.sigma / gain_v_per_m_s2.value,
-    )
-    return Value((electrical - bias.value) / g_m_s2, sigma / g_m_s2)
+@dataclass(frozen=True)
+class MeanBias:
+    """The mean bias of a sensor over all runs [m/s2] with its standard uncertainty; `dof` infinite for one run."""
+
+    value: float
+    sigma: float
+    dof: float
+
+
+def wobble_of(bias_m_s2: float, electrical_bias_v: float, gain_v_per_m_s2: float, g_m_s2: float) -> float:
+    """The wobble of a sensor [rad] from its bias, its chain's electrical bias and assumed scale factor."""
+    return (electrical_bias_v / gain_v_per_m_s2 - bias_m_s2) / g_m_s2
 
 
 def _polar(scan: Fitted) -> tuple[Value, Value]:

@@ -14,13 +14,18 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.campaign.recording import Header
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, chains, uncertainties
 from rigctl.experiments.rotating_platform.observe.run_noise import SIDED
-from rigctl.experiments.rotating_platform.result.alignment import Value, wobble
+from rigctl.experiments.rotating_platform.result.alignment import Fitted, MeanBias, Value
+from rigctl.experiments.rotating_platform.result.budget import SENSORS, PlatformBudget, platform_budget
 from rigctl.experiments.rotating_platform.result.chain_noise import ChainNoise, NoiseRecord
 from rigctl.experiments.rotating_platform.result.run_result import RunResult, run_result
+
+RESULTS = ("tilt_gain", "accel_z0", "accel_y0")
+"""The parameters of a model that are results."""
 
 NOT_TESTED = ("theta-locked-bias", "pendulum-reaction")
 """Effects that no modulation shows: they turn with the platform as an acceleration does."""
@@ -30,6 +35,7 @@ NOT_TESTED = ("theta-locked-bias", "pendulum-reaction")
 class PlatformResult:
     """The recording: `tilt_gain` and accelerations of the fit, wobbles where the electrical biases are known."""
 
+    budget: PlatformBudget
     tilt_gain: Value
     accel_m_s2: Mapping[str, Value]
     wobble_rad: Mapping[str, Value] | None
@@ -43,6 +49,7 @@ class PlatformResult:
         return {
             "tilt_gain": self.tilt_gain.as_json(),
             "accel_m_s2": _each_as_json(self.accel_m_s2),
+            "budget": self.budget.as_json(),
             "wobble_rad": None if self.wobble_rad is None else _each_as_json(self.wobble_rad),
             "sided": SIDED,
             "theory_noise": {channel: noise.as_json() for channel, noise in self.chain_noise.items()},
@@ -59,22 +66,32 @@ def _each_as_json(values: Mapping[str, Value]) -> dict[str, Any]:
 
 def platform_result(
     recorded: Recorded,
-    chains: Chains,
-    fitted: Mapping[str, Value],
+    header: Header,
+    fitted: Fitted,
     left_out: Mapping[str, str],
     noises: Mapping[str, ChainNoise],
     noise_records: Sequence[NoiseRecord] = (),
 ) -> PlatformResult:
-    """The result of a recording; `fitted` are the parameters of its model by name."""
-    believed = {channel: each.noise.in_units_of(chains.gain_v_per_m_s2[channel]) for channel, each in noises.items()}
+    """The result of a recording; `fitted` are `RESULTS` of its model."""
+    believed = chains(header)
+    noise = {channel: each.noise.in_units_of(believed.gain_v_per_m_s2[channel]) for channel, each in noises.items()}
     by_run: dict[str, list[ChannelRun]] = {}
     for each in recorded.channels:
         by_run.setdefault(each.run.run_id, []).append(each)
-    runs = tuple(run_result(channels, believed) for channels in by_run.values())
+    runs = tuple(run_result(channels, noise) for channels in by_run.values())
+    biases = _biases(runs) if set(believed.bias_v) == set(CHANNELS) else {}
+    budget = platform_budget(fitted.values, fitted.covariance, biases, believed, uncertainties(header))
+    told = {
+        name: Value(float(value), float(sigma))
+        for name, value, sigma in zip(
+            budget.first.outputs, budget.first.values, budget.first.standard_uncertainty, strict=True
+        )
+    }
     return PlatformResult(
-        fitted["tilt_gain"],
-        {"y": fitted["accel_y0"], "z": fitted["accel_z0"]},
-        _wobbles(runs, chains),
+        budget,
+        fitted.quantity("tilt_gain"),
+        {axis: fitted.quantity(f"accel_{axis}0") for axis in ("y", "z")},
+        {name: told[f"wobble_{name}"] for name in SENSORS} if biases else None,
         runs,
         left_out,
         noises,
@@ -82,24 +99,18 @@ def platform_result(
     )
 
 
-def _wobbles(runs: Sequence[RunResult], chains: Chains) -> dict[str, Value] | None:
-    """Of the two sensing axes, from the biases of all runs; None without both electrical biases."""
-    if set(chains.bias_v) != set(CHANNELS) or not runs:
-        return None
-    wobbles = {}
-    for name, channel in (("a", "z"), ("b", "y")):
-        biases = np.array([run.values[channel]["bias"].value for run in runs])
-        biases = biases[np.isfinite(biases)]
-        if not biases.size:
-            return None
-        alone = min(run.values[channel]["bias"].sigma for run in runs)
+def _biases(runs: Sequence[RunResult]) -> dict[str, MeanBias]:
+    """Of both channels, from all runs; empty where one has none."""
+    biases = {}
+    for channel in CHANNELS:
+        means = np.array([run.values[channel]["bias"].value for run in runs])
+        means = means[np.isfinite(means)]
+        if not means.size:
+            return {}
         # From run to run: bias noise has no finite variance, and what one run says of itself is too small.
-        sigma = float(biases.std(ddof=1) / math.sqrt(biases.size)) if biases.size > 1 else alone
-        wobbles[name] = wobble(
-            Value(float(biases.mean()), sigma),
-            # Constants of a recording come without an uncertainty.
-            Value(chains.bias_v[channel], 0.0),
-            Value(chains.gain_v_per_m_s2[channel], 0.0),
-            chains.g_m_s2,
-        )
-    return wobbles
+        if means.size > 1:
+            scatter = float(means.std(ddof=1)) / math.sqrt(means.size)
+            biases[channel] = MeanBias(float(means.mean()), scatter, means.size - 1.0)
+        else:
+            biases[channel] = MeanBias(float(means[0]), min(r.values[channel]["bias"].sigma for r in runs), math.inf)
+    return biases
