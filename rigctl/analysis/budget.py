@@ -19,6 +19,8 @@ from rigctl.core.errors import ProcedureError
 Measurement = Callable[[Mapping[str, float]], FloatArray]
 
 _COVERAGE = 0.95
+# Of a comparison: more outputs have more ends that chance moves.
+_FALSE_ALARM = 0.01
 # Small beside the range over which the first order is trusted, large beside rounding.
 _STEP_IN_U = 0.1
 
@@ -178,14 +180,17 @@ def monte_carlo(
 def compare(first_order: Budget, check: MonteCarlo, *, significant_digits: int = 2) -> Comparison:
     """Compare the budget's 95 % intervals with those of Monte Carlo at the given significant digits.
 
-    The tolerance is half the last significant digit of the standard uncertainty (JCGM 101, 7.9.2) plus
-    twice the Monte Carlo's own uncertainty of an interval's end.
+    The tolerance is half the last significant digit of the standard uncertainty (JCGM 101, 7.9.2) plus what chance
+    makes of all intervals' ends in one comparison of a hundred.
     """
+    from scipy.special import ndtri
+
     u = first_order.standard_uncertainty
     nominal = first_order.values[:, None] + first_order.expanded[:, None] * np.array([-1.0, 1.0])
     difference = np.abs(nominal - check.interval)
     last_digit = 10.0 ** (np.floor(np.log10(np.where(u > 0.0, u, 1.0))) - significant_digits + 1)
-    tolerance = 0.5 * last_digit + 2.0 * _end_uncertainty(check)
+    by_chance = float(ndtri(1.0 - 0.5 * _FALSE_ALARM / check.interval.size))
+    tolerance = 0.5 * last_digit + by_chance * _end_uncertainty(check)
     validated = (difference <= tolerance[:, None]).all(axis=1)
     failing = [name for name, good in zip(first_order.outputs, validated, strict=True) if not good]
     reason = (
