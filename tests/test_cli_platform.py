@@ -75,7 +75,7 @@ def test_the_result_at_a_terminal_and_as_json(store: Path) -> None:
     assert budget["covariance"][1][1] == pytest.approx(budget["combined"][1] ** 2, rel=1e-6, abs=0.0)
     assert budget["monte_carlo"]["validated"], budget["monte_carlo"]["reason"]
     shown = run("result", store)
-    assert "expanded" in shown
+    assert "Uncertainty of tilt gain / 1, accelerations / m/s2, wobbles / rad." in shown
     assert "Monte Carlo: the first order agrees" in shown
     assert "gain of the commanded tilt │ 0.96" in " ".join(shown.split())
     assert "Not tested by any modulation: theta-locked-bias, pendulum-reaction." in shown

@@ -171,7 +171,7 @@ def _budget(told: Mapping[str, Any]) -> ResultTable:
     rows.append(["expanded (95 %)", "", "", *(f"{u:.2g}" for u in told["expanded_95"])])
     # Combined and expanded, which are no contributions.
     marked = [False] * (len(rows) - 2) + [True, True]
-    columns = ["contribution", "type", "input", *(f"#{name}" for name in told["outputs"])]
+    columns = ["contribution", "type", "input", *(f"#{name.replace('_', ' ')}" for name in told["outputs"])]
     notes = [f"Monte Carlo: {told['monte_carlo']['reason']}"]
     title = "Uncertainty of tilt gain / 1, accelerations / m/s2, wobbles / rad."
     return ResultTable(title, columns, rows, marked, notes, "Budget")
