@@ -125,12 +125,11 @@ def draw_course(rows: Sequence[CourseRow]) -> Figure:
         panel.ticklabel_format(axis="y", scilimits=(-3, 4))
     for panel in panels[2:]:
         panel.set_xlabel("time / min")
-    panels[0].legend(loc="best")
-    # What is expected of a bias has a line where there is a sine.
-    handles, words = panels[1].get_legend_handles_labels()
-    told = [(handle, text) for handle, text in zip(handles, words, strict=True) if text.startswith("expected")]
-    if told:
-        panels[1].legend(*zip(*told, strict=True), loc="best")
+    # Outside, as courses fill their panels; what is expected of a bias has a line where there is a sine.
+    of_bias = zip(*panels[1].get_legend_handles_labels(), strict=True)
+    told = [*zip(*panels[0].get_legend_handles_labels(), strict=True)]
+    told += [(handle, text) for handle, text in of_bias if text.startswith("expected")]
+    figure.legend(*zip(*told, strict=True), loc="outside lower center", ncols=len(told))
     return figure
 
 
