@@ -109,14 +109,26 @@ def _in_units(table: Table, values: Mapping[str, tuple[float, float]]) -> dict[s
         mean = float(np.mean(list(of_words.values())))
         for word, value in of_words.items():
             sizes[f"{effect}.{word}"] = (value - mean, math.nan)
+    _constants_beside_logarithms(table, sizes)
     # A constant goes up by what the first word goes down.
     return {name: each for name, each in sizes.items() if not by_words or name not in table.units}
+
+
+def _constants_beside_logarithms(table: Table, sizes: dict[str, tuple[float, float]]) -> None:
+    """Constants as they would be beside p ln C of the table as it was drawn: p ln(k C) has p ln k more."""
+    logarithms = [(name, re.match(r"log\[(\w+)\]", name)) for name in sizes]
+    for name, column in [(name, found[1]) for name, found in logarithms if found is not None]:
+        moved = sizes[name][0] * math.log(table.scale.get(column, 1.0))
+        for constant in [each for each, powers in table.units.items() if each in sizes and powers == {RESPONSE: 1}]:
+            # It is known otherwise there.
+            sizes[constant] = (sizes[constant][0] + moved, math.nan)
 
 
 def _powers(table: Table, parameter: str) -> Powers:
     """Of what the parameter of a fit is a product."""
     if parameter in table.units:
         return table.units[parameter]
+    parameter = _of_its_kind(parameter)
     kind, _, inside = parameter.partition("[")
     columns = re.split(r",| by ", inside.partition("]")[0])
     suffix = parameter.rpartition("].")[2] if "]." in parameter else ""
@@ -134,6 +146,11 @@ def _powers(table: Table, parameter: str) -> Powers:
     for column in columns if kind == "interaction" else columns[:1]:
         powers[column] = powers.get(column, 0) - power
     return powers
+
+
+def _of_its_kind(parameter: str) -> str:
+    """Without the number of the second and later ones of a kind."""
+    return re.sub(r"#\d+", "", parameter)
 
 
 def differences(first: Said, second: Said) -> list[str]:
@@ -231,7 +248,7 @@ def from_zero(said: Said, zero: float) -> Said:
     """
     sizes = dict(said.sizes)
     for name in said.sizes:
-        effect, _, parameter = name.partition("].")
+        effect, _, parameter = _of_its_kind(name).partition("].")
         if re.match(r"step\[t\b", name) and parameter == "at":
             sizes[name] = (sizes[name][0] - zero, sizes[name][1])
             continue
