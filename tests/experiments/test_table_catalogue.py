@@ -105,6 +105,21 @@ def test_what_has_another_name_beside_a_slope_says_so() -> None:
     assert "turning[z]" not in reasons
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_beside_the_square_of_a_column_a_turning_point_is_what_it_adds(seed: int) -> None:
+    """And not what the rounding of a function that is spanned already goes along."""
+    x = np.random.default_rng(seed).uniform(1.0, 10.0, ROWS)
+    columns = {"y": 3.0 + 0.1 * x**2 + 0.02 * NOISE, "x": x}
+    beside_constant = study(columns, "b0")
+    _, refused = beside_constant.candidates(beside_constant.model([Term("power2[x]")]), np.array([3.0, 0.1]))
+    reasons = {each.effect: each.reason for each in refused}
+    assert reasons["turning[x]"] == "the model has the square of x already, beside which it is linear[x]"
+    # Without a constant, which is all that a turning point adds to slope and square, and has no name of its own.
+    through_zero = study({"y": 0.5 * x + 0.1 * x**2 + 0.02 * NOISE, "x": x}, "b1 * x")
+    asked, _ = through_zero.candidates(through_zero.model([Term("power2[x]")]), np.array([0.5, 0.1]))
+    assert "turning[x]" in {each.term.effect for each in asked}
+
+
 def test_smooth_functions_of_a_column_are_one_family_and_each_scan_is_its_own() -> None:
     columns = {"y": NOISE, "x": X, "z": Z, "t_s": np.arange(ROWS), "head": HEAD.tolist()}
     ordered = study(columns, "b0", order="t_s")

@@ -15,7 +15,9 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.compare import compared
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.kernels import kernel
+from rigctl.workbench.verdict.noise import Correlation
 from rigctl.workbench.verdict.noise_alone import BATCH, BATCHES, EVERY, Asked, NoiseAlone
+from rigctl.workbench.verdict.noise_pool import Whitenings
 from rigctl.workbench.verdict.offsets import from_units, in_units
 from rigctl.workbench.verdict.significance import is_adequate
 from tests.foreign.false_alarms import recording
@@ -127,6 +129,21 @@ def test_flicker_noise_that_looks_white_is_neither_an_effect_nor_a_shape(seed: i
     assert compared(account.attempt(study, ()), account, 1).p_value > 0.01
 
 
+def test_draws_of_correlated_noise_do_not_depend_on_the_signs_of_eigenvectors() -> None:
+    apart = np.abs(np.arange(12.0)[:, None] - np.arange(12.0))
+    strength, vectors = np.linalg.eigh(kernel("power 1.64", apart, (1.0, 11.0)))
+    ratio, basis = 3.0, np.ones((12, 1)) / np.sqrt(12.0)
+    signs = np.where(np.arange(12) % 3, 1.0, -1.0)
+    drawn = []
+    for turned in (vectors, vectors * signs):
+        of_kernel = Whitenings([Correlation("power 1.64", ratio)], ratio * strength[None], turned, basis)
+        (scale, _), *_ = of_kernel.strengths()
+        drawn.append(of_kernel.coloured(np.eye(12), scale))
+    assert drawn[0] == pytest.approx(drawn[1], rel=1e-12, abs=1e-12)
+    # Of unit white noise, so that what comes of it has the covariance 1 + q K.
+    assert drawn[0] @ drawn[0].T == pytest.approx(np.eye(12) + ratio * vectors @ np.diag(strength) @ vectors.T, abs=1e-9)
+
+
 def test_what_noise_alone_may_be_is_told_as_hidden_and_how_large_it_would_have_to_be() -> None:
     found = diagnose(TableStudy(recording("flicker", 98)), ())
     assert found.verdict == "adequate"
@@ -145,7 +162,8 @@ def test_uncertainties_in_the_likeliest_noise_are_those_of_generalised_least_squ
     alone = asked_beside(attempt, Asked(day[:, None] ** 2, 0.0))
     whitenings, scale = alone._likeliest
     white = np.hstack([np.ones((30, 1)), day])
-    r = whitenings.turned_back(np.diag(scale**-2.0) @ whitenings.turned(np.eye(30)))
+    root = whitenings.coloured(np.eye(30), scale)
+    r = root @ root.T
     inverse = np.linalg.inv(r)
     covariance = np.linalg.inv(white.T @ inverse @ white)
     left = attempt.unexplained() - attempt.unexplained().mean()

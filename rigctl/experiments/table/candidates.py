@@ -21,7 +21,7 @@ from rigctl.experiments.table.model.scanned import Periodic, Scanned
 from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level, Slope
 from rigctl.experiments.table.observe.readings import Column
-from rigctl.experiments.table.spanned import Spanned, some_of, span_of_functions
+from rigctl.experiments.table.spanned import SPANNED, Spanned, some_of, span_of_functions
 from rigctl.workbench.groups import Groups, ScanChoices
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
@@ -199,6 +199,8 @@ def has_another_name(form: Form, spanned: Spanned) -> str:
     slope, curvature = form.basis(_only_choice(form)).T
     if spanned.holds((slope - slope.mean())[:, None]):
         return f"the model has a slope in {column} already, beside which it is power2[{column}]"
+    if spanned.holds(np.ones((slope.size, 1))) and spanned.holds(_square_of(form, spans_of(spanned))):
+        return f"the model has the square of {column} already, beside which it is linear[{column}]"
     line = span_of(np.stack([np.ones(slope.size), slope], axis=1))
     bend = curvature - line @ (line.T @ curvature)
     return f"the model has a curvature in {column} already" if spanned.holds(bend[:, None]) else ""
@@ -211,9 +213,8 @@ def is_a_square(
 
     `spans` asks a model; `spanned` (n, rank) is a basis of what its whitened derivatives span.
     """
-    square = Power(turning.column, 2)
     whole = _explained(white(turning.basis(_only_choice(turning))), spanned, white_residual)
-    alone = _explained(white(square.basis(square.choices(spans)[0])), spanned, white_residual)
+    alone = _explained(white(_square_of(turning, spans)), spanned, white_residual)
     return alone >= _ALL_BUT_LITTLE * whole
 
 
@@ -240,6 +241,12 @@ def _only_choice(turning: Turning) -> Choice:
     return turning.choices(lambda _: True)[0]
 
 
+def _square_of(turning: Turning, spans: Spans) -> FloatArray:
+    """The square as in the column, (n, 1)."""
+    square = Power(turning.column, 2)
+    return square.basis(square.choices(spans)[0])
+
+
 def _without_trivial(form: Form, parts: list[FloatArray], spanned: Spanned) -> FloatArray:
     # Left out and not projected out: their difference from a large column would lose the digits.
     remaining = [part for part in parts if not spanned.holds(part)] or parts[-1:]
@@ -257,8 +264,10 @@ def _trivial_space(form: Form, spanned: Spanned) -> FloatArray:
 
 def _explained(functions: FloatArray, spanned: FloatArray, residual: FloatArray) -> float:
     """Square sum of the residual that functions explain beside the model."""
-    span = span_of(functions - spanned @ (spanned.T @ functions))
-    return float(np.sum((span.T @ residual) ** 2))
+    outside = functions - spanned @ (spanned.T @ functions)
+    # What the model spans leaves its rounding, which has a direction too.
+    beyond = np.linalg.norm(outside, axis=0) > SPANNED * np.linalg.norm(functions, axis=0)
+    return float(np.sum((span_of(outside[:, beyond]).T @ residual) ** 2))
 
 
 def _rms(values: FloatArray) -> FloatArray:

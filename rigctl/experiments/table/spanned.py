@@ -11,7 +11,7 @@ from rigctl.analysis.column_sums import LARGE
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.experiments.table.model.start import span_of
 
-_SPANNED = 1e-7
+SPANNED = 1e-7
 """A function is spanned by the model when less than this share of its norm lies outside."""
 
 _FEW = 2048
@@ -50,7 +50,7 @@ class Spanned:
 
     def _holds(self, functions: FloatArray) -> bool:
         outside = functions - self.basis @ (self.basis.T @ functions)
-        return bool(np.linalg.norm(outside) <= _SPANNED * np.linalg.norm(functions))
+        return bool(np.linalg.norm(outside) <= SPANNED * np.linalg.norm(functions))
 
 
 def some_of(rows: int) -> IntArray:

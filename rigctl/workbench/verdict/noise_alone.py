@@ -158,7 +158,7 @@ class NoiseAlone:
         """By the best of all effects, in draws of correlated noise like that of the data, (BATCH,)."""
         whitenings, scale = self._likeliest
         # But for its size, on which no gain depends.
-        drawn = whitenings.turned_back(self._rng.standard_normal((len(scale), BATCH)) / scale[:, None])
+        drawn = whitenings.coloured(self._rng.standard_normal((len(scale), BATCH)), scale)
         # In single precision: a gain is compared with that in the data, to which none is as near.
         return np.asarray(self.gains(drawn, np.float32).max(axis=0))
 

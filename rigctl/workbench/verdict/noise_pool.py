@@ -252,9 +252,13 @@ class Whitenings:
         """U' columns, shape (n, ...)."""
         return columns if self._vectors is None else np.tensordot(self._vectors, columns, axes=(0, 0))
 
-    def turned_back(self, columns: FloatArray) -> FloatArray:
-        """U columns, shape (n, k)."""
-        return columns if self._vectors is None else self._vectors @ columns
+    def coloured(self, white: FloatArray, scale: FloatArray) -> FloatArray:
+        """Noise of which `scale` (n,) makes turned data white, from white noise (n, draws).
+
+        By the symmetric root of R, the same whichever way the eigenvectors point.
+        """
+        turned = self.turned(white) / scale[:, None]
+        return turned if self._vectors is None else self._vectors @ turned
 
     def strengths(self) -> Iterator[tuple[FloatArray, float]]:
         """Of each trial what makes turned data white, (n,), and the logarithm of the determinant of R."""
