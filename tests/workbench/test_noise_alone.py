@@ -141,7 +141,8 @@ def test_draws_of_correlated_noise_do_not_depend_on_the_signs_of_eigenvectors() 
         drawn.append(of_kernel.coloured(np.eye(12), scale))
     assert drawn[0] == pytest.approx(drawn[1], rel=1e-12, abs=1e-12)
     # Of unit white noise, so that what comes of it has the covariance 1 + q K.
-    assert drawn[0] @ drawn[0].T == pytest.approx(np.eye(12) + ratio * vectors @ np.diag(strength) @ vectors.T, abs=1e-9)
+    covariance = np.eye(12) + ratio * kernel("power 1.64", apart, (1.0, 11.0))
+    assert drawn[0] @ drawn[0].T == pytest.approx(covariance, abs=1e-9)
 
 
 def test_what_noise_alone_may_be_is_told_as_hidden_and_how_large_it_would_have_to_be() -> None:
