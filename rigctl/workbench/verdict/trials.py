@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,19 +72,17 @@ def trials_of(smallest: FloatArray) -> float:
 def _smallest(families: Mapping[str, Family], rows: int, seed: int) -> dict[str, FloatArray]:
     """The smallest p of each family in each draw of noise, which is drawn in the span of the bases alone where there
     are no scans; 1 where all is absorbed."""
-    # A stream of its own; 2 draws for shapes, 3 for the bootstrap, 4 for shapes beside others, 5 permutes.
-    rng = np.random.default_rng([seed, 1])
     wide = {name: [basis for basis in family.bases if basis.shape[1]] for name, family in families.items()}
     span = np.hstack([np.zeros((rows, 0)), *(basis for bases in wide.values() for basis in bases)])
     scanned = any(each.dimension.any() for family in families.values() for each in family.scans)
     if scanned or span.shape[1] > rows:
-        draws = rng.standard_normal((DRAWS, rows), dtype=np.float32)
+        draws = _noise(seed, rows)
         along: NDArray[np.floating] = draws @ span.astype(np.float32)
     else:
         # Only what the bases span is drawn: few numbers instead of one for every datum.
         draws = np.zeros((DRAWS, 0), dtype=np.float32)
         frame = orthonormal(span, 1e-6) if span.shape[1] > 1 else span
-        along = rng.standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
+        along = _stream(seed).standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
     smallest, first, drawn = {}, 0, Draws(draws, (seed, rows))
     for name, family in families.items():
         dimensions = np.array([basis.shape[1] for basis in wide[name]], dtype=np.intp)
@@ -94,6 +93,18 @@ def _smallest(families: Mapping[str, Family], rows: int, seed: int) -> dict[str,
                 smallest[name] = np.minimum(smallest[name], each.smallest_p(drawn))
         first = last
     return smallest
+
+
+# The same for all models of a table: kept for the next one.
+@lru_cache(maxsize=1)
+def _noise(seed: int, rows: int) -> NDArray[np.float32]:
+    """Draws of noise, (DRAWS, rows)."""
+    return _stream(seed).standard_normal((DRAWS, rows), dtype=np.float32)
+
+
+def _stream(seed: int) -> np.random.Generator:
+    """A stream of its own; 2 draws for shapes, 3 for the bootstrap, 4 for shapes beside others, 5 permutes."""
+    return np.random.default_rng([seed, 1])
 
 
 def smallest_of(family: Family, draws: NDArray[np.float32], name: object) -> FloatArray:
