@@ -34,7 +34,7 @@ from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.compare import compared
 from rigctl.workbench.verdict.diagnose import diagnose
-from tests.foreign.metamorphic_table import CHANGES, RESPONSE, Powers, Table, clock_shifted, drawn
+from tests.foreign.metamorphic_table import CHANGES, CONSTANT, RESPONSE, Powers, Table, clock_shifted, drawn
 
 SAME = 1e-6
 DRAWN_SAME = 1e-4
@@ -119,9 +119,9 @@ def _constants_beside_logarithms(table: Table, sizes: dict[str, tuple[float, flo
     logarithms = [(name, re.match(r"log\[(\w+)\]", name)) for name in sizes]
     for name, column in [(name, found[1]) for name, found in logarithms if found is not None]:
         moved = sizes[name][0] * math.log(table.scale.get(column, 1.0))
-        for constant in [each for each, powers in table.units.items() if each in sizes and powers == {RESPONSE: 1}]:
+        if CONSTANT in sizes:
             # It is known otherwise there.
-            sizes[constant] = (sizes[constant][0] + moved, math.nan)
+            sizes[CONSTANT] = (sizes[CONSTANT][0] + moved, math.nan)
 
 
 def _powers(table: Table, parameter: str) -> Powers:

@@ -131,6 +131,9 @@ CHANGES: Mapping[str, Change] = {
 }
 """After which everything is the same, sizes in other units."""
 
+CONSTANT = "b0"
+"""The parameter that is added to everything, in those baselines that have one."""
+
 BASELINES: Mapping[str, tuple[str, Mapping[str, Powers]]] = {
     "constant": ("b0", {"b0": {RESPONSE: 1}}),
     "line": ("b0 + b1 * {a}", {"b0": {RESPONSE: 1}, "b1": {RESPONSE: 1, "a": -1}}),

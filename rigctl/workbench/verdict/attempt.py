@@ -83,6 +83,7 @@ class Attempt(FittedModel):
         else:
             self.estimator = estimator_of(first, lambda: self._questions.groups, self.generic)
             last = with_estimated_noise(first, self.estimator)
+            self._questions = self._questions.at(last.result.values)
         super().__init__(model, last.noise, last.held, last.result)
 
     @property

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.decomposition import svd
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.groups import Groups
 from rigctl.workbench.study import Candidate
@@ -51,6 +52,9 @@ that was taken for white came to 1e-8, and draws cost seconds."""
 
 # Of a square sum: what is left beside columns that go through all data.
 _NOTHING = 1e-6
+
+# Of a unit vector beside what is fitted: the basis was made where a first fit ended, which differs a little.
+_BESIDE = 1e-2
 
 
 Price = Callable[[Candidate, int], float]
@@ -210,7 +214,13 @@ class ChanceOfNoise:
     @cached_property
     def of_projected(self) -> float:
         """That by chance as much goes along all that was projected out before the noise was estimated."""
-        columns = from_units(self._fitted.model.observations, self._pool.where, self._pool.basis)
+        given, where, basis = self._fitted.model.observations, self._pool.where, self._pool.basis
+        jacobian = in_units(given, where, self._fitted.model.jacobian(self._fitted.result.values))
+        fitted = orthonormal(jacobian, UNDETERMINED)
+        left, length, _ = svd(basis - fitted @ (fitted.T @ basis))
+        columns = from_units(given, where, left[:, length > _BESIDE])
+        if not columns.shape[1]:
+            return CORRELATED
         alone = NoiseAlone(self._fitted, self._pool, [Asked(columns[:, None], 0.0)], self._seed)
         return CORRELATED * alone.probability(0)
 

@@ -6,9 +6,14 @@ import itertools
 from collections.abc import Sequence
 from functools import cached_property
 
+import numpy as np
+
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.groups import AsksOneByOne, Groups
 from rigctl.workbench.study import Candidate, Model, NotTestable, Study
+
+# Of values: fits that differ by less differ by their rounding.
+_SAME = 1e-9
 
 
 class Questions:
@@ -17,6 +22,17 @@ class Questions:
     def __init__(self, study: Study, model: Model, values: FloatArray) -> None:
         self._study, self._model, self._values = study, model, values
         self._one_by_one: Groups = {}
+
+    def at(self, values: FloatArray) -> Questions:
+        """The same beside a later fit of the model.
+
+        Derivatives at other values do not lie in the span of that fit's own: what a parameter by words explains would
+        depend, by a few ten-thousandths, on the word that the others are counted from.
+        """
+        # Only tables have words, and elsewhere asking costs more than fitting.
+        if not isinstance(self._study, AsksOneByOne) or np.allclose(values, self._values, rtol=_SAME, atol=0.0):
+            return self
+        return Questions(self._study, self._model, values)
 
     @property
     def candidates(self) -> list[Candidate]:
