@@ -23,6 +23,8 @@ Function = Callable[[FloatArray], FloatArray]
 
 # The step that is left would lower chi-squared by less: a ten-thousandth of a sigma, or rounding.
 _CHI2_LEFT, _CHI2_ROUNDING = 1e-8, 1e-13
+# Of chi-squared, aimed at where steps still descend: p-values have six digits then, whatever sigma was stated.
+_CHI2_AIMED_AT = 1e-14
 # A parameter with less than this share of a null direction is in it by rounding only.
 _NULL_SHARE = 1e-5
 
@@ -115,12 +117,8 @@ def least_squares(
     problem = _Problem(residuals, tuple(parameters), jacobian, rcond)
     p = problem.start()
     state = problem.linearise(p, problem.extended(p))
-    damping, growth, iterations, verdict = 0.0, 2.0, 0, "not-converged"
-    while iterations < max_iterations:
-        # Judged by what a full step would still gain, not by its length, which depends on the parameters' units.
-        if state.predicted_fall <= _CHI2_LEFT + _CHI2_ROUNDING * state.chi2:
-            verdict = "converged"
-            break
+    damping, growth, iterations = 0.0, 2.0, 0
+    while iterations < max_iterations and state.predicted_fall > _CHI2_AIMED_AT * state.chi2:
         iterations += 1
         trial = problem.clipped(state.p + state.step(damping))
         # A step too far may leave the model's domain or overflow: it is then refused like any other ascent.
@@ -132,11 +130,11 @@ def least_squares(
             damping = damping if damping > _NO_DAMPING else 0.0
             state = problem.linearise(trial, r)
         # A step this short that still ascends: the derivative is wrong, or chi-squared is at its rounding.
-        elif damping > 1e8:
+        elif damping > 1e8 or state.is_close:
             break
         else:
             damping, growth = max(growth * damping, _LEAST_DAMPING), 2.0 * growth
-    return problem.result(state, verdict == "converged", iterations)
+    return problem.result(state, state.is_close, iterations)
 
 
 @dataclass(frozen=True)
@@ -163,6 +161,11 @@ class _State:
     @property
     def predicted_fall(self) -> float:
         return float(np.sum(self.projected[: self.rank] ** 2))
+
+    @property
+    def is_close(self) -> bool:
+        """Judged by what a full step would still gain, not by its length, which depends on the parameters' units."""
+        return self.predicted_fall <= _CHI2_LEFT + _CHI2_ROUNDING * self.chi2
 
     def step(self, damping: float) -> FloatArray:
         """Step over all parameters; nothing moves along the null space."""
