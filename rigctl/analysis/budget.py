@@ -18,7 +18,8 @@ from rigctl.core.errors import ProcedureError
 
 Measurement = Callable[[Mapping[str, float]], FloatArray]
 
-_COVERAGE = 0.95
+COVERAGE = 0.95
+"""Probability of expanded uncertainties."""
 # Of a comparison: more outputs have more ends that chance moves.
 _FALSE_ALARM = 0.01
 # Small beside the range over which the first order is trusted, large beside rounding.
@@ -58,6 +59,15 @@ class Contribution:
         else:
             unit = rng.standard_normal(draws)
         return np.asarray(self.value + self.standard_uncertainty * unit)
+
+
+def coverage_factors(dof: FloatArray) -> FloatArray:
+    """Student's t for 95 % at degrees of freedom truncated to an integer (GUM G.4.1), of the shape of `dof`."""
+    from scipy.special import stdtrit
+
+    # The factor keeps rounding from truncating a whole number to the next lower one.
+    whole = np.maximum(np.floor(np.minimum(dof, 1e9) * (1.0 + 1e-12)), 1.0)
+    return np.asarray(stdtrit(whole, 0.5 * (1.0 + COVERAGE)))
 
 
 @dataclass(frozen=True)
@@ -102,11 +112,7 @@ class Budget:
     @property
     def coverage_factor(self) -> FloatArray:
         """Student's t for 95 % at the effective degrees of freedom truncated to an integer (GUM G.4.1)."""
-        from scipy.special import stdtrit
-
-        # The factor keeps rounding from truncating a whole number to the next lower one.
-        dof = np.maximum(np.floor(np.minimum(self.effective_dof, 1e9) * (1.0 + 1e-12)), 1.0)
-        return np.asarray(stdtrit(dof, 0.5 * (1.0 + _COVERAGE)))
+        return coverage_factors(self.effective_dof)
 
     @property
     def expanded(self) -> FloatArray:
@@ -123,7 +129,7 @@ class MonteCarlo:
     @property
     def interval(self) -> FloatArray:
         """Probabilistically symmetric 95 % coverage interval of each output, shape (m, 2)."""
-        tail = 0.5 * (1.0 - _COVERAGE)
+        tail = 0.5 * (1.0 - COVERAGE)
         return np.asarray(np.quantile(self.samples, [tail, 1.0 - tail], axis=0).T)
 
 
@@ -204,7 +210,7 @@ def compare(first_order: Budget, check: MonteCarlo, *, significant_digits: int =
 def _end_uncertainty(check: MonteCarlo) -> FloatArray:
     """Standard deviation of an interval's end from order statistics: half the spread of ranks +- 1 sigma."""
     draws = check.samples.shape[0]
-    tail = 0.5 * (1.0 - _COVERAGE)
+    tail = 0.5 * (1.0 - COVERAGE)
     rank = np.sqrt(tail * (1.0 - tail) / draws)
     ends = np.array([tail - rank, tail + rank, 1.0 - tail - rank, 1.0 - tail + rank])
     q = np.quantile(check.samples, np.clip(ends, 0.0, 1.0), axis=0)

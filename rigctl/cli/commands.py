@@ -19,6 +19,7 @@ MODULES = {
     "steering": ("pause", "abort", "answer", "status", "mark"),
     "results": ("result",),
     "report": ("report",),
+    "certificate": ("certificate", "verify"),
     "noise": ("noise",),
     "workbench": ("compare", "diagnose", "fit"),
     "model": ("model",),

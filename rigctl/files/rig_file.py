@@ -67,8 +67,13 @@ class Constant(Table):
 
 
 class Certificate(Table):
-    """What a calibration certificate says: standard uncertainties by quantity, units in the names."""
+    """What a calibration certificate says: standard uncertainties by quantity, units in the names.
 
+    `number` and `laboratory` are the certificate's own, for whoever follows the chain of traceability.
+    """
+
+    number: str = ""
+    laboratory: str = ""
     serial: str = ""
     calibrated: date | None = None
     expires: date | None = None

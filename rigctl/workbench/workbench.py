@@ -82,7 +82,7 @@ class Workbench:
         return self._usable(versions.versions(self.store)[number - 1])
 
     def _usable(self, version: ModelVersion) -> ModelVersion:
-        version.require(self._files)
+        version.require(self.plugin_files)
         return version
 
     @one_thread
@@ -92,7 +92,7 @@ class Workbench:
         from rigctl.workbench.verdict.compare import compared
 
         chosen = version or self.current
-        found = compared(self._attempt(chosen), self.account(), chosen.version)
+        found = compared(self.attempt(chosen), self.account(), chosen.version)
         self._keep_account()
         return found
 
@@ -109,7 +109,7 @@ class Workbench:
         from rigctl.workbench.verdict.fit import fitted
 
         chosen = version or self.current
-        return fitted(self._attempt(chosen), self.account(), self._optimum(chosen), self._warnings(chosen))
+        return fitted(self.attempt(chosen), self.account(), self._optimum(chosen), self._warnings(chosen))
 
     def fit(self, version: ModelVersion | None = None) -> ModelFit:
         """The same, and keep the outcome."""
@@ -119,7 +119,7 @@ class Workbench:
         self._keep_account()
         return found
 
-    def _attempt(self, version: ModelVersion) -> Attempt:
+    def attempt(self, version: ModelVersion) -> Attempt:
         """A version fitted, once: the runs of a workbench are those it found."""
         account = self.account()
         if version.version not in self._attempts:
@@ -132,7 +132,7 @@ class Workbench:
         """Where a version is likeliest; no less likely than any version with some of its terms."""
         from rigctl.workbench.verdict.likelihood import maximum_likelihood
 
-        attempt = self._attempt(version)
+        attempt = self.attempt(version)
         if version.version not in self._optima:
             fewer = [each for each in self._usable_versions() if set(each.effects) < set(version.effects)]
             # With the same choices: the same effect with another period is no part of this model.
@@ -145,7 +145,7 @@ class Workbench:
     def _attempt_if_fit(self, version: ModelVersion) -> Attempt | None:
         """A version fitted; None where the data do not determine it."""
         try:
-            return self._attempt(version)
+            return self.attempt(version)
         except UNFIT:
             return None
 
@@ -156,11 +156,11 @@ class Workbench:
         parent = None
         if version.added is not None and version.parent is not None:
             earlier = versions.versions(self.store)[version.parent - 1]
-            parent = self._attempt_if_fit(earlier) if earlier.can_be_used_with(self._files) else None
-        return warnings(self._attempt(version), parent, version.start)
+            parent = self._attempt_if_fit(earlier) if earlier.can_be_used_with(self.plugin_files) else None
+        return warnings(self.attempt(version), parent, version.start)
 
     def _usable_versions(self) -> list[ModelVersion]:
-        return [each for each in versions.versions(self.store) if each.can_be_used_with(self._files)]
+        return [each for each in versions.versions(self.store) if each.can_be_used_with(self.plugin_files)]
 
     def account(self, progress: Callable[[str], None] | None = None) -> Account:
         """The noise of the store's data, estimated once for all versions that can be used."""
@@ -169,17 +169,18 @@ class Workbench:
         terms = [each.terms for each in self._usable_versions()]
         # A version more changes the noise, and with it every fit there was.
         if self._account is None or self._account[0] != terms:
-            kept = versions.kept_account(self.store, self._files)
+            kept = versions.kept_account(self.store, self.plugin_files)
             account = account_of(self.study, terms, progress=progress) if kept is None else recalled(self.study, kept)
             self._account, self._attempts, self._optima = (terms, account), {}, {}
         return self._account[1]
 
     def _keep_account(self) -> None:
-        if not self.store.readonly and versions.kept_account(self.store, self._files) is None:
-            versions.keep_account(self.store, self._files, self.account().as_document())
+        if not self.store.readonly and versions.kept_account(self.store, self.plugin_files) is None:
+            versions.keep_account(self.store, self.plugin_files, self.account().as_document())
 
     @property
-    def _files(self) -> list[PluginFile]:
+    def plugin_files(self) -> list[PluginFile]:
+        """The files that were given, with what they held."""
         return list(self._plugins)
 
     @one_thread
@@ -227,7 +228,7 @@ class Workbench:
         An older version whose plugin file is not there, or which the data do not determine, has no numbers, and a
         `note` says why.
         """
-        versions.current(self.store).require(self._files)
+        versions.current(self.store).require(self.plugin_files)
         return [self._rung(version, progress) for version in versions.versions(self.store)]
 
     def _rung(self, version: ModelVersion, progress: Callable[[str], None] | None) -> dict[str, Any]:
@@ -240,7 +241,7 @@ class Workbench:
         found = versions.kept_fit(self.store, version)
         if found is None:
             try:
-                version.require(self._files)
+                version.require(self.plugin_files)
                 if progress is not None:
                     progress(f"fitting version {version.version}")
                 found = self.fit(version).as_json()

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigctl.analysis.kept import Progress
+from rigctl.analysis.measurement_result import MeasurementResult
 from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
+from rigctl.experiments.frequency_response.measurement import sensitivities_measured
 from rigctl.experiments.frequency_response.observables import reduction
 from rigctl.experiments.frequency_response.result import ResponseResult, response_result
 from rigctl.experiments.frequency_response.study import ResponseStudy, bench_of
@@ -32,6 +34,11 @@ def analyse(workbench: Workbench) -> ResponseResult:
     if not isinstance(studied, ResponseStudy):
         raise DataError(f"{workbench.store.path}: no frequency response was recorded")
     return response_result(studied.data)
+
+
+def measurement_result(workbench: Workbench) -> MeasurementResult:
+    """Magnitude and phase of the sensitivity at every frequency, with their budgets; `DataError`."""
+    return sensitivities_measured(analyse(workbench))
 
 
 def result(workbench: Workbench) -> dict[str, Any]:

@@ -7,15 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigctl.analysis.kept import Progress
+from rigctl.analysis.measurement_result import MeasurementResult
 from rigctl.campaign.recording import RunSource
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
 from rigctl.experiments.inflight.observe.sessions import QUADRATIC
 from rigctl.experiments.inflight.observe.store_reduction import reduction
 from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence
+from rigctl.experiments.inflight.result.measurement import calibration_measured, study_measured
 from rigctl.experiments.inflight.result.monte_carlo import DRAW, Draw, tables
 from rigctl.experiments.inflight.result.result import calibration, systematic
 from rigctl.experiments.inflight.study import InflightStudy
+from rigctl.workbench.fit_measurement import fit_measurement
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.workbench import Workbench
 
@@ -44,6 +47,15 @@ class InflightResult:
 def result(workbench: Workbench) -> dict[str, Any]:
     """The ten parameters of one calibration; of a Monte Carlo study the paper's tables 2 and 3; `DataError`."""
     return analyse(workbench).as_json()
+
+
+def measurement_result(workbench: Workbench) -> MeasurementResult:
+    """The ten parameters with what no session sees, and delta where it was tested; of a study mean errors."""
+    draws = [Draw.from_json(document.data) for document in workbench.store.documents(DRAW)]
+    if draws:
+        return study_measured(draws)
+    sessions = {run.run_id: str(run.conditions["session"]) for run in workbench.store.runs(valid_only=True)}
+    return calibration_measured(fit_measurement(workbench), analyse(workbench).numbers, sessions)
 
 
 def analyse(workbench: Workbench) -> InflightResult:

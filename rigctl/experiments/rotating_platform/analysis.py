@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.kept import Progress
+from rigctl.analysis.measurement_result import MeasurementResult, Quantity, checked, sources_of
 from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
@@ -16,7 +17,7 @@ from rigctl.experiments.rotating_platform.observe.store_reduction import reducti
 from rigctl.experiments.rotating_platform.result.alignment import Fitted
 from rigctl.experiments.rotating_platform.result.bench_runs import flips, scans
 from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise, noise_records
-from rigctl.experiments.rotating_platform.result.result import RESULTS, PlatformResult, platform_result
+from rigctl.experiments.rotating_platform.result.result import NOT_TESTED, RESULTS, PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
@@ -44,6 +45,26 @@ def result(workbench: Workbench) -> dict[str, Any]:
         "scans": [each.as_json() for each in scanned],
         "flips": {channel: flipped.as_json() for channel, flipped in turned.items()},
     }
+
+
+METHOD = (
+    "Modulation by half turns of the platform, demodulated period by period (Lenoir, Christophe, Reynaud 2013, "
+    "Measurement 46, 1411)"
+)
+UNITS = {"tilt_gain": "1", "accel_z": "m/s2", "accel_y": "m/s2", "wobble_a": "rad", "wobble_b": "rad"}
+
+
+def measurement_result(workbench: Workbench) -> MeasurementResult:
+    """Tilt gain, accelerations and wobbles, where they are known, with their budget; errors as `analyse`."""
+    told = analyse(workbench).budget
+    first = told.first
+    rows = zip(first.outputs, first.values, strict=True)
+    quantities = tuple(Quantity(name, float(value), UNITS[name]) for name, value in rows)
+    remarks = (
+        f"Budget: {told.check.reason}.",
+        f"No modulation shows these effects: {', '.join(NOT_TESTED)}.",
+    )
+    return checked(MeasurementResult(quantities, tuple(sources_of(first)), METHOD, remarks))
 
 
 def analyse(workbench: Workbench) -> PlatformResult:

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.analysis.kept import Progress
+from rigctl.analysis.measurement_result import MeasurementResult
 from rigctl.campaign.recording import Header, RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
+from rigctl.experiments.sensing_axis.result.measurement import axes_measured
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.files.rig_file import parse_rig
@@ -36,6 +38,12 @@ def result(workbench: Workbench) -> dict[str, Any]:
     budgets = axis_budgets(axes, uncertainties_of(store.header))
     numbers = {**axes.as_json(), "budget": {name: each.as_json() for name, each in budgets.items()}}
     return {**numbers, "quick_check": quick[-1]} if quick else numbers
+
+
+def measurement_result(workbench: Workbench) -> MeasurementResult:
+    """The axes with everything their uncertainty is made of; `DataError`, `ProcedureError`."""
+    axes = analyse(workbench)
+    return axes_measured(axes, axis_budgets(axes, uncertainties_of(workbench.store.header)))
 
 
 def analyse(workbench: Workbench) -> SensingAxisResult:

@@ -1,0 +1,1 @@
+"""Calibration certificates: what leaves the laboratory, and how it is checked afterwards."""

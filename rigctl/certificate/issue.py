@@ -1,0 +1,62 @@
+"""A certificate written to a file whose name says the form, and read back from one."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rigctl.certificate import page, sealed
+from rigctl.certificate.content import FORMAT, Certificate
+from rigctl.certificate.sections import Content
+from rigctl.core.errors import ConfigError, DataError
+
+
+def _html(content: Content) -> bytes:
+    text = page.page(content)
+    return text.replace("</body>", f"<!-- {sealed.place()} -->\n</body>").encode()
+
+
+FORMS: Mapping[str, Callable[[Content], bytes]] = {".html": _html}
+"""By suffix, what makes a file of a certificate's content."""
+
+
+def form_of(out: Path) -> str:
+    """The suffix of a file that can be written; `ConfigError` for another one."""
+    suffix = out.suffix.lower()
+    if suffix not in FORMS:
+        raise ConfigError(f"{out}: certificates are written as {' or '.join(FORMS)} only; give the file such a name")
+    return suffix
+
+
+def write(certificate: Certificate, out: Path) -> None:
+    """Write a certificate, whole or not at all; `ConfigError` for its name, `DataError` where it cannot be."""
+    data = sealed.sealed(FORMS[form_of(out)](certificate.content))
+    partial = out.with_name(f".{out.name}.{os.getpid()}")
+    try:
+        partial.write_bytes(data)
+        partial.replace(out)
+    except OSError as error:
+        raise DataError(f"{out}: cannot be written: {error.strerror or error}; check the directory") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def read(path: Path) -> tuple[Mapping[str, Any], bool]:
+    """The content of a certificate, and whether the file is as it was issued; `DataError` for anything else."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
+    unchanged = sealed.intact(data)
+    try:
+        content = page.data_of(data.decode("utf-8"))
+    except (ValueError, json.JSONDecodeError) as error:
+        raise DataError(
+            f"{path}: no certificate of this program: {error}; name a file of `rigctl certificate`"
+        ) from error
+    if unchanged is None or not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise DataError(f"{path}: no certificate of this program ({FORMAT}); name a file of `rigctl certificate`")
+    return content, unchanged

@@ -1,0 +1,164 @@
+"""`rigctl certificate` and `rigctl verify`: from a store to a page, and back to the store."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigctl.certificate import sealed
+from rigctl.files.certificate_file import read_details
+
+ROOT = Path(__file__).parents[2]
+PONTIUS = ROOT / "examples" / "pontius"
+MARKUP = "<b>Lab</b> & <script>alert(1)</script></body>"
+
+
+class _Elements(HTMLParser):
+    """Every element of a page, and the text beside scripts and styles."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        if self.elements and self.elements[-1][0] not in ("script", "style"):
+            self.text += data
+
+
+def _page(path: Path) -> _Elements:
+    page = _Elements()
+    page.feed(path.read_text())
+    return page
+
+
+def _content(path: Path) -> Any:
+    found = re.search('id="rigctl-certificate">(.*?)</script>', path.read_text(), re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+@pytest.fixture
+def table(desk: Any) -> Any:
+    """A desk with the table of Pontius, imported."""
+    assert desk.rigctl("import", PONTIUS, "--store", desk.store).status == 0
+    return desk
+
+
+def test_a_campaign_is_certified_verified_fitted_further_and_marked(desk: Any) -> None:
+    desk.campaign(("mountings = 1", "mountings = 2"))
+    desk.rig(("[certificates.cube]", "[certificates.cube]\nnumber = 'C-7'\nexpires = 2001-02-03"))
+    axis = desk.run().json["result"]["axes"]["X"]
+    out = desk.directory / "x.html"
+    issued = desk.rigctl("certificate", desk.store, "--out", out, "--json").json
+    content = _content(out)
+    quantities = {each["name"]: each for each in content["quantities"]}
+    spread = quantities["half-cone deviation X"]
+    assert spread["value"] == pytest.approx(axis["std_hc_2sigma_arcsec"], rel=1e-9)
+    assert spread["conformity"]["limits"]["upper"] == axis["requirement_arcsec"]
+    length = sum(quantities[f"axis X, {component}"]["value"] ** 2 for component in "xyz")
+    assert length == pytest.approx(1.0, rel=1e-12)
+    parts = [each["standard_uncertainty"][1] ** 2 for each in content["budget"]]
+    assert quantities["axis X, y"]["standard_uncertainty"] == pytest.approx(sum(parts) ** 0.5, rel=1e-9)
+    text = _page(out).text
+    assert issued["number"] in text
+    assert "C-7" in text
+    assert "cube: its certificate expired on 2001-02-03" in text
+
+    assert desk.rigctl("model", "add", desk.store, "null-drift").status == 0
+    verified = desk.rigctl("verify", out, desk.store, "--json").json
+    assert (verified["later"], verified["signed"]) == (1, False)
+    assert verified["sha256"] == issued["basis_sha256"]
+
+    run = next(iter(content["basis"]["runs"]))
+    assert desk.rigctl("mark", desk.store, run, "knocked", "--invalid").status == 0
+    desk.rigctl("verify", out, desk.store).refused(1, f"run {run} was marked invalid since (knocked)")
+
+
+def test_a_table_is_certified_with_the_numbers_of_its_fit(table: Any) -> None:
+    assert table.rigctl("model", "add", table.store, "power2[load_lb]").status == 0
+    out = table.directory / "t.html"
+    assert table.rigctl("certificate", table.store, "--out", out).status == 0
+    found = {each["name"]: each for each in _content(out)["quantities"]}
+    (noise,) = table.rigctl("fit", table.store, "--json").json["noise"]
+    assert noise["dof"] == 31.0
+    # Printed by NIST: Pontius.dat, certified values with their standard deviations, here by the noise of one account.
+    ratio = noise["sigma"] / 0.205177424076185e-03
+    for name, value, sigma in (
+        ("b0", 0.673565789473684e-03, 0.107938612033077e-03),
+        ("b1", 0.732059160401003e-06, 0.157817399981659e-09),
+        ("power2[load_lb]", -0.316081871345029e-14, 0.486652849992036e-16),
+    ):
+        assert found[name]["value"] == pytest.approx(value, rel=1e-6)
+        assert found[name]["standard_uncertainty"] == pytest.approx(ratio * sigma, rel=1e-5)
+        assert found[name]["effective_dof"] == pytest.approx(31.0)
+        assert found[name]["expanded_uncertainty"] == pytest.approx(2.04 * ratio * sigma, rel=2.5e-3)
+
+
+def test_names_with_markup_are_text(table: Any) -> None:
+    (table.directory / "d.toml").write_text(
+        f"number = 'N-1'\n[laboratory]\nname = '{MARKUP}'\n[customer]\nname = '{sealed.place()}'\n"
+    )
+    out = table.directory / "t.html"
+    assert table.rigctl("certificate", table.store, "--details", "d.toml", "--out", out).status == 0
+    page = _page(out)
+    assert MARKUP in page.text
+    assert [attributes for tag, attributes in page.elements if tag == "script"] == [
+        {"type": "application/json", "id": "rigctl-certificate"}
+    ]
+    assert "b" not in [tag for tag, _ in page.elements]
+    assert table.rigctl("verify", out, table.store).status == 0
+
+
+def test_a_changed_certificate_is_refused(table: Any) -> None:
+    out = table.directory / "t.html"
+    assert table.rigctl("certificate", table.store, "--out", out).status == 0
+    text = out.read_text()
+    out.write_text(text.replace("UNSIGNED", "SIGNED", 1))
+    table.rigctl("verify", out, table.store).refused(1, "changed after it was issued")
+    out.write_text("<html></html>")
+    table.rigctl("verify", out, table.store).refused(2, "no certificate of this program")
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".xml"])
+def test_another_form_is_refused_before_any_work(table: Any, suffix: str) -> None:
+    out = table.directory / f"t{suffix}"
+    table.rigctl("certificate", table.store, "--out", out).refused(2, out.name, ".html only")
+    assert not out.exists()
+
+
+def test_a_store_without_a_result_gives_one_line(desk: Any) -> None:
+    few = desk.directory / "few"
+    few.mkdir()
+    (few / "recording.toml").write_text((PONTIUS / "recording.toml").read_text())
+    (few / "readings.csv").write_text("\n".join((PONTIUS / "readings.csv").read_text().splitlines()[:2]))
+    assert desk.rigctl("import", few, "--store", desk.store).status == 0
+    out = desk.directory / "t.html"
+    ended = desk.rigctl("certificate", desk.store, "--out", out)
+    assert (ended.status, ended.out) == (2, "")
+    assert ended.err.splitlines()[-1].startswith("readings.csv: 1 usable readings for 2 parameters")
+    assert "Traceback" not in ended.err
+    assert not out.exists()
+
+
+def test_a_requirement_on_what_is_not_there_names_what_is(table: Any) -> None:
+    (table.directory / "d.toml").write_text("[[requirements]]\nquantity = 'b7'\nupper = 1.0\n")
+    ended = table.rigctl("certificate", table.store, "--details", "d.toml", "--out", "t.html")
+    assert ended.status == 2
+    assert ended.err.splitlines()[-1] == "d.toml: there is no quantity 'b7' in this result; one of b0, b1"
+
+
+def test_the_documented_file_of_details_is_taken(tmp_path: Path) -> None:
+    section = (ROOT / "docs" / "commands.md").read_text().split("### certificate\n")[1]
+    (tmp_path / "d.toml").write_text(section.split("```toml\n")[1].split("```")[0])
+    details = read_details(tmp_path / "d.toml")
+    assert details.decision.largest_risk == 0.025
+    assert details.requirements[0].upper == 60.0
