@@ -16,6 +16,7 @@ from rigctl.campaign.origin import rig_file_of, truth_path
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import locks, rig_time
 from rigctl.campaign.session.control import Control, RequestWatcher, forget_requests
+from rigctl.campaign.session.heartbeat import beat
 from rigctl.campaign.session.operator import Operator, TerminalOperator, TypedLines
 from rigctl.campaign.session.progress import Display, Progress
 from rigctl.campaign.session.questions import Questions
@@ -180,6 +181,8 @@ def _plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) 
 @contextmanager
 def _store_to_oneself(path: Path) -> Iterator[None]:
     with locks.held(locks.store_lock(path), f"{path} is in use by another campaign; see `rigctl status`"):
+        # The lock file may be of an earlier process, and its time long past.
+        beat(path)
         yield
 
 

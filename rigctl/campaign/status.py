@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from rigctl.campaign.session.heartbeat import beat_age_s
 from rigctl.campaign.session.locks import is_held, store_lock
 from rigctl.campaign.store.entries import IMPORTED, RUN_REPEATED
 from rigctl.campaign.store.store import Store
@@ -25,8 +26,10 @@ def status_in(store: Store) -> dict[str, Any]:
         # Either there never was a campaign here, or it was killed before it could say anything.
         state = "done" if store.last_event(IMPORTED) else "running"
         status = {"state": state, "step": "", "runs_planned": finished, "eta_s": 0.0}
+    alive = status["state"] in {"running", "paused"} and is_held(store_lock(store.path))
     # A process that was killed cannot write that it ended, but its lock ended with it.
-    if status["state"] in {"running", "paused"} and not is_held(store_lock(store.path)):
+    killed = status["state"] in {"running", "paused"} and not alive
+    if killed:
         status["state"] = "interrupted"
     # A study has runs whose samples nobody keeps.
     done = max(int(status.get("runs_done", 0)), finished)
@@ -37,6 +40,8 @@ def status_in(store: Store) -> dict[str, Any]:
         "runs_planned": planned,
         "runs_invalid": invalid,
         "runs_repeated": repeats_in(store),
+        "killed": killed,
+        "heartbeat_age_s": beat_age_s(store.path) if alive else None,
     }
 
 

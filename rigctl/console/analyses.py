@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,8 +19,24 @@ if TYPE_CHECKING:
     from rigctl.console.analyst import Analyst
 
 
+@dataclass
+class Job:
+    """Something that was asked and is not there yet."""
+
+    what: str
+    store: Path
+    since_s: float
+    quiet: bool
+    cancelled: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.what.replace('_', ' ')} of {self.store.name}, {time.monotonic() - self.since_s:.0f} s"
+
+
 LIVE_S = 1.0
 """Least time between two null searches that are worked out while a campaign runs."""
+
+OPPOSITE = {"add": "remove", "remove": "add"}
 
 Start = Callable[[str, Coroutine[Any, Any, None]], object]
 """Runs a coroutine beside the event loop's other work; one of a group follows the other or replaces it."""
@@ -39,6 +56,30 @@ class Analyses:
         self._searched_s = 0.0
         # One search at a time: asked after every run, they would queue up behind a slow one.
         self._searching = False
+        self._jobs: list[Job] = []
+        self._undoable: list[tuple[str, Path, str, tuple[Any, ...]]] = []
+
+    def jobs(self) -> list[str]:
+        """What somebody waits for, in words; k cancels it."""
+        told = [str(job) for job in self._jobs if not job.quiet]
+        return [*told[:-1], f"{told[-1]}  (k cancels)"] if told else []
+
+    def cancel(self) -> bool:
+        """Give up all that is being worked out; False when nothing is."""
+        waited_for = [job for job in self._jobs if not job.quiet]
+        for job in waited_for:
+            job.cancelled = True
+        if waited_for:
+            self._analyst.cancel()
+        return bool(waited_for)
+
+    def undo(self) -> str:
+        """Take back the last change that was made here to what a store keeps; says what, "" when there is none."""
+        if not self._undoable:
+            return ""
+        told, store, what, arguments = self._undoable.pop()
+        self.ask(store, what, *arguments, undo=False)
+        return told
 
     def close(self) -> None:
         """End what is still being worked out."""
@@ -51,13 +92,21 @@ class Analyses:
 
         return Analyst(self._plugins)
 
-    def ask(self, store: Path, what: str, *arguments: Any, quiet: bool = False) -> None:
-        """A function of `rigctl.console.analysis`; `quiet` ones nobody has asked for, and none is told of failing."""
-        self._start("analysis", self._work_out(store, what, arguments, quiet))
+    def ask(self, store: Path, what: str, *arguments: Any, quiet: bool = False, undo: bool = True) -> None:
+        """A function of `rigctl.console.analysis`; `quiet` ones nobody has asked for, and none is told of failing.
+
+        What changes the store can be undone, unless it is itself an `undo`.
+        """
+        job = Job(what, store, time.monotonic(), quiet)
+        # Before it begins: what was asked is to be seen at once.
+        self._jobs.append(job)
+        self._start("analysis", self._work_out(job, arguments, undo=undo))
 
     def dry_run(self, campaign: Path) -> None:
         """What a campaign file would do."""
-        self._start("dry-run", self._try_out(campaign))
+        job = Job("dry_run", campaign, time.monotonic(), quiet=False)
+        self._jobs.append(job)
+        self._start("dry-run", self._try_out(job))
 
     def follow(self, view: StoreView) -> None:
         """While a campaign runs, and its screen is looked at, the response is worked out anew after every run."""
@@ -79,28 +128,36 @@ class Analyses:
         finally:
             self._searching = False
 
-    async def _try_out(self, campaign: Path) -> None:
+    async def _try_out(self, job: Job) -> None:
         pane = self._panes.campaign
         pane.show_plan("… checking")
         try:
-            pane.show_plan(plan_in_words(await self._analyst.ask("dry_run", campaign)))
+            pane.show_plan(plan_in_words(await self._analyst.ask("dry_run", job.store)))
         except Exception as error:  # noqa: BLE001 - told to the operator
-            pane.show_plan(f"✗ {in_one_line(error)}")
+            pane.show_plan("cancelled" if job.cancelled else f"✗ {in_one_line(error)}")
+        finally:
+            self._jobs.remove(job)
 
-    async def _work_out(self, store: Path, what: str, arguments: Sequence[Any], quiet: bool) -> None:
-        if not quiet:
-            self._panes.workbench.show_busy(f"{what.replace('_', ' ')} of {store.name} …")
+    async def _work_out(self, job: Job, arguments: Sequence[Any], *, undo: bool) -> None:
         try:
-            await self._show(store, what, await self._analyst.ask(what, store, *arguments))
+            await self._show(job, await self._analyst.ask(job.what, job.store, *arguments))
+            if undo:
+                self._note_undoable(job, arguments)
         except Exception as error:  # noqa: BLE001 - told to the operator
-            if not quiet:
+            if job.cancelled:
+                self._tell(f"cancelled: {job}", "warning")
+            elif not job.quiet:
                 self._tell(in_one_line(error), "error")
         finally:
-            # Whatever was asked may have changed the model, and its line shows "…" until it is told anew.
-            if not quiet and what != "model":
-                self.ask(store, "model", quiet=True)
+            self._jobs.remove(job)
 
-    async def _show(self, store: Path, what: str, answer: Any) -> None:
+    def _note_undoable(self, job: Job, arguments: Sequence[Any]) -> None:
+        if job.what in OPPOSITE:
+            names = ", ".join(arguments[0])
+            self._undoable.append((f"{job.what} {names}", job.store, OPPOSITE[job.what], tuple(arguments)))
+
+    async def _show(self, job: Job, answer: Any) -> None:
+        store, what = job.store, job.what
         bench, results = self._panes.workbench, self._panes.results
         if not bench.is_running:  # on the way out
             return
@@ -118,7 +175,8 @@ class Analyses:
         }
         if (pending := shows[what](answer)) is not None:
             await pending
-        if what in {"add", "remove"}:
+        if what in OPPOSITE:
+            self.ask(store, "model", quiet=True)
             self.ask(store, "fit")
         if what == "fit":
             self.ask(store, "history", quiet=True)

@@ -25,21 +25,29 @@ class Analyst:
 
     async def ask(self, what: str, *arguments: Any, live: bool = False) -> Any:
         """The outcome of a function of `rigctl.console.analysis`; raises what it raises."""
+        pool = self._pool(live)
         try:
-            return await _outcome(self._pool(live).submit(_work_out, what, *arguments, self._plugins))
+            return await _outcome(pool.submit(_work_out, what, *arguments, self._plugins))
         except BrokenProcessPool:
-            # A pool that is broken stays so; the next question makes another.
-            self._pools.pop(live, None)
+            # A pool that is broken stays so; the next question makes another, if none has yet.
+            if self._pools.get(live) is pool:
+                del self._pools[live]
             raise
+
+    def cancel(self) -> None:
+        """Give up whatever is asked and not there yet, but not what is shown live."""
+        self._end([False])
 
     def close(self) -> None:
         """End the processes, whatever they are at."""
-        for pool in self._pools.values():
+        self._end([False, True])
+
+    def _end(self, kinds: Sequence[bool]) -> None:
+        for pool in [self._pools.pop(kind) for kind in kinds if kind in self._pools]:
             # The pool itself would wait for what they are at, which may take minutes.
             for process in list(pool._processes.values()):
                 process.terminate()
             pool.shutdown(wait=False)
-        self._pools = {}
 
     def _pool(self, live: bool) -> ProcessPoolExecutor:
         if live not in self._pools:

@@ -15,14 +15,13 @@ from textual.binding import Binding, BindingType
 from rigctl.console import messages as say
 from rigctl.console import state
 from rigctl.console.campaigns import Campaigns
-from rigctl.console.feed import Feed
 from rigctl.console.place import kind_of
 from rigctl.console.shell import Shell, while_running
 from rigctl.console.widgets.bars import SCREENS
 from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import RigError
-from rigctl.core.making_safe import TERMINAL_LOST, Rest, ended_by_signals
+from rigctl.core.making_safe import STOP_SIGNAL, TERMINAL_LOST, Rest, ended_by_signals
 
 DRAW_S = 0.1
 FIRST_S = 0.25
@@ -42,6 +41,11 @@ class Console(Shell):
         Binding("o", "open", "Open"),
         Binding("q", "leave", "Quit"),
         Binding("f9", "answer", "Answer", show=False),
+        Binding("escape", "rest", "Leave", show=False),
+        Binding("full_stop", "step_page(1)", "Page", show=False),
+        Binding("comma", "step_page(-1)", "Page back", show=False),
+        Binding("u", "undo", "Undo", show=False),
+        Binding("k", "cancel", "Cancel", show=False),
         Binding("b", "mute", "Bell", show=False),
         Binding("t", "theme", "Theme", show=False),
         *(
@@ -60,7 +64,6 @@ class Console(Shell):
         super().__init__(plugins, directory)
         self._leave_terminal = leave_terminal
         self._place = place
-        self._feed = Feed(self.post_message)
         self._campaigns = Campaigns(self.post_message)
         self._signals = ExitStack()
         self.interrupted = ""
@@ -184,7 +187,8 @@ class Console(Shell):
         if ended:
             self._analyses.ask(message.view.path, "model", quiet=True)
             self._note(f"the campaign is {message.view.state}")
-        self._show_question(message.view)
+        # At once: a dialog over a question that is answered would take a word for the next one.
+        self._asking.show(message.view)
 
     @while_running
     def on_campaign_ended(self, message: say.CampaignEnded) -> None:
@@ -204,10 +208,18 @@ class Console(Shell):
     @while_running
     def on_stopped(self, message: say.Stopped) -> None:
         """What came of a STOP."""
+        for rest in message.rests:
+            # Until it has confirmed: what is not known to be at rest stays an alarm.
+            if rest.confirmed:
+                self._unsafe.pop(rest.instrument, None)
+            else:
+                self._unsafe[rest.instrument] = rest
         unsafe = [rest for rest in message.rests if not rest.confirmed]
-        lines = [f"STOP: {len(unsafe)} NOT CONFIRMED"] if unsafe else ["STOP: all instruments confirmed"]
-        lines += [str(rest) for rest in sorted(message.rests, key=lambda rest: rest.confirmed)]
-        self._note("\n".join(lines), "error" if unsafe else "warning")
+        for rest in sorted(message.rests, key=lambda rest: rest.confirmed):
+            self._panes.log.add(utc_now(), "note" if rest.confirmed else "alarm", f"STOP: {rest}")
+        names = ", ".join(rest.instrument for rest in message.rests if rest.confirmed)
+        told = f"STOP: {len(unsafe)} NOT CONFIRMED at rest" if unsafe else f"STOP: confirmed at rest: {names}"
+        self._note(told, "error" if unsafe else "warning")
 
     # What the operator asks
 
@@ -218,12 +230,26 @@ class Console(Shell):
         held = self._holding.stop()
         if view is not None and view.alive:
             # Three ways, as any one may be the only one open: its signal, its store, its instruments.
-            self._campaigns.signal(view.path, signal.SIGTERM)
-            self._send("request", view.path, "abort")
+            self._campaigns.signal(view.path, STOP_SIGNAL)
+            self._send("request", view.path, "stop")
+            self._holding.stop_from_outside(view)
+        elif view is not None and view.killed:
             self._holding.stop_from_outside(view)
         self._act("STOP")
-        if not held and (view is None or not view.alive):
+        if not held and (view is None or not (view.alive or view.killed)):
             self._note("STOP: no rig is held here, and no campaign runs", "warning")
+
+    def action_cancel(self) -> None:
+        """Give up what is being worked out."""
+        if not self._analyses.cancel():
+            self._note("nothing is being worked out", "warning")
+
+    def action_undo(self) -> None:
+        """Take back the last thing that can be taken back: on a form what was typed, else what the store keeps."""
+        if self.kept.screen == "campaign" and self._panes.campaign.undo():
+            return
+        undone = self._analyses.undo()
+        self._note(f"undo: {undone}" if undone else "nothing to undo here", "information" if undone else "warning")
 
     def action_open(self) -> None:
         """Ask which file."""

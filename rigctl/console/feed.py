@@ -5,10 +5,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from textual.message import Message
 
 from rigctl.console.messages import Noted
+
+if TYPE_CHECKING:
+    from rigctl.console.vitals import Vitals
 
 LOOK_S = 0.25
 
@@ -18,6 +22,8 @@ class Feed:
 
     def __init__(self, post: Callable[[Message], object]) -> None:
         self._post = post
+        self.vitals: Vitals | None = None
+        """Signs of life of the campaign that is watched, as last looked at."""
         self._path: Path | None = None
         self._changed = threading.Event()
         self._ended = False
@@ -37,6 +43,9 @@ class Feed:
         self._ended = True
         self._changed.set()
 
+    def _feel(self, vitals: Vitals) -> None:
+        self.vitals = vitals
+
     def _run(self) -> None:
         failed: tuple[Path, str] | None = None
         while not self._ended:
@@ -50,7 +59,7 @@ class Feed:
             from rigctl.console.store_watch import follow  # stores are imported after the first paint
 
             try:
-                follow(path, self._changed, self._post, LOOK_S)
+                follow(path, self._changed, self._post, LOOK_S, self._feel)
             except Exception as error:  # noqa: BLE001 - whatever is wrong with a store, the console goes on
                 if (path, str(error)) != failed:
                     failed = path, str(error)

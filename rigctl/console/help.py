@@ -12,6 +12,8 @@ EVERYWHERE
   F9        answer what the campaign asks: write the word, press Enter
   Ctrl+P    everything by name          b  bell on or off
   t         light or dark               q  quit: a campaign goes on
+  , .       pages of a screen           u  undo
+  Esc       leave an entry, a search    k  cancel what is worked out
   Tab, ↑ ↓  to the next entry, in lists and tables
 
 1 RIG       ↑ ↓ choose an instrument; m move, h home, [ ] jog, j step,
@@ -20,7 +22,7 @@ EVERYWHERE
 2 CAMPAIGN  e edit, Ctrl+S save, d dry run, s start, p pause,
             r resume, a abort. It runs in a process of its own:
             quitting the console, or losing it, does not end it.
-3 RESULTS   u work out, v compare with another store; ← → change tabs
+3 RESULTS   f work out, v compare with another store
 4 WORKBENCH f fit, g diagnose, a add, x remove, n next, v residuals
             against another covariate
 5 LOG       / search, w alarms only
@@ -33,6 +35,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "STOP": ("stop", "Bring every instrument to rest, abort the campaign (F8)"),
     "Open…": ("open", "A rig file, a campaign file or a store (o)"),
     "Answer the campaign": ("answer", "What it asks the operator (F9)"),
+    "Undo": ("undo", "Take the last change back: of the model, of an entry of a form (u)"),
+    "Cancel": ("cancel", "Give up what is being worked out (k)"),
+    "Page: next": ("step_page(1)", "Of the screen that is shown (.)"),
+    "Page: previous": ("step_page(-1)", "Of the screen that is shown (,)"),
     "Screen: Rig": ("screen('rig')", "Instruments and charts (1)"),
     "Screen: Campaign": ("screen('campaign')", "Start, progress, null search (2)"),
     "Screen: Results": ("screen('results')", "Tables, plots, comparison (3)"),
@@ -49,7 +55,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "Campaign: abort": ("pane('campaign', 'abort')", "End it now; it can be resumed (a)"),
     "Campaign: dry run": ("pane('campaign', 'dry_run')", "What it would do; moves nothing (d)"),
     "Campaign: edit": ("pane('campaign', 'edit')", "The file as a form (e)"),
-    "Results: update": ("pane('results', 'update')", "Work the result out anew (u)"),
+    "Results: update": ("pane('results', 'update')", "Work the result out anew (f)"),
     "Results: compare": ("pane('results', 'compare')", "With the runs of another store (v)"),
     "Workbench: fit": ("pane('workbench', 'ask', 'fit')", "Fit the current model (f)"),
     "Workbench: diagnose": ("pane('workbench', 'ask', 'diagnose')", "Which effect is missing? (g)"),

@@ -123,11 +123,7 @@ def recorded_instruments(view: StoreView) -> list[InstrumentView]:
     for name, table in toml_of(view.rig_toml).get("instruments", {}).items():
         identity = view.identities.get(name, {})
         identity_text = " ".join(str(identity[key]) for key in ("model", "serial", "firmware") if identity.get(key))
-        values = tuple(
-            Value(label, value, unit, view.sampled_s)
-            for label, value, unit in _recorded(view, table)
-            if math.isfinite(value)
-        )
+        values = tuple(each for each in _recorded(view, table) if math.isfinite(each.value))
         driver, address = str(table["driver"]), str(table["address"])
         instruments.append(
             InstrumentView(name, str(table["role"]), driver, address, state, identity_text, values, "")
@@ -135,20 +131,36 @@ def recorded_instruments(view: StoreView) -> list[InstrumentView]:
     return instruments
 
 
-def _recorded(view: StoreView, table: Mapping[str, Any]) -> list[tuple[str, float, str]]:
+def _recorded(view: StoreView, table: Mapping[str, Any]) -> list[Value]:
     conditions = view.runs[-1].conditions if view.runs else {}
     last = {name: float(values[-1]) for name, values in view.samples.items() if len(values)}
     role = table["role"]
-    if role == "rotation" and ("theta_deg" in conditions or "theta_deg" in last):
-        # A run has one angle, or, on a platform, a sample of it at every edge.
-        return [("angle", float(conditions.get("theta_deg", last.get("theta_deg", math.nan))), "deg")]
+
+    def of_run(label: str, column: str, unit: str) -> list[Value]:
+        return [Value(label, float(conditions[column]), unit, view.run_ended_s)]
+
+    def of_samples(label: str, column: str, unit: str) -> list[Value]:
+        return [Value(label, last[column], unit, view.sampled_s)]
+
+    # A run has one angle, or, on a platform, a sample of it at every edge.
+    if role == "rotation" and "theta_deg" in conditions:
+        return of_run("angle", "theta_deg", "deg")
+    if role == "rotation" and "theta_deg" in last:
+        return of_samples("angle", "theta_deg", "deg")
     if role == "thermometer" and "temperature_c" in conditions:
-        return [("temperature", float(conditions["temperature_c"]), "degC")]
+        return of_run("temperature", "temperature_c", "degC")
     if role == "linear" and "stage_x_mm" in last:
-        return [("position", last["stage_x_mm"], "mm")]
+        return of_samples("position", "stage_x_mm", "mm")
     if (channel := table.get("channel", "accel_v")) in last and role in {"readout", "voltmeter"}:
-        return [("voltage", last[channel], "V")]
-    return [(head, last[head], "mm") for head in table.get("heads", {}) if head in last]
+        return of_samples("voltage", channel, "V")
+    heads = [head for head in table.get("heads", {}) if head in last]
+    return [value for head in heads for value in of_samples(head.removesuffix("_mm"), head, "mm")]
+
+
+def simulated_here(view: StoreView) -> bool:
+    """Whether all instruments of a store's rig lived in its campaign's process, and are gone with it."""
+    tables = toml_of(view.rig_toml).get("instruments", {}).values()
+    return all(str(table.get("address", "")).startswith("sim:") for table in tables)
 
 
 def gain_of(view: StoreView) -> float:

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Coroutine, Sequence
 from functools import partial, wraps
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from textual import work
 from textual.app import App, ComposeResult
 from textual.command import CommandPalette
 from textual.events import Resize
 from textual.screen import Screen
-from textual.widget import Widget
 from textual.widgets import ContentSwitcher, Footer, Static
 
 from rigctl.console import messages as say
 from rigctl.console import state
+from rigctl.console.alarms import Alarm, alarms_of
 from rigctl.console.analyses import Analyses
+from rigctl.console.asking import Asking
+from rigctl.console.escape import terminal_driver
+from rigctl.console.feed import Feed
 from rigctl.console.help import COMMANDS, TEXT
 from rigctl.console.holding import Holding
 from rigctl.console.log_lines import Search
@@ -28,11 +31,18 @@ from rigctl.console.screens.results import ResultsPane
 from rigctl.console.screens.rig import RigPane
 from rigctl.console.screens.workbench import WorkbenchPane
 from rigctl.console.store_view import StoreView
+from rigctl.console.telling import Bell, Notes
 from rigctl.console.themes import DARK, LIGHT
-from rigctl.console.widgets.bars import Banner, Standing, TabBar, TopBar
-from rigctl.console.widgets.dialogs import HelpDialog, QuestionDialog
+from rigctl.console.typed import OrderedKeys
+from rigctl.console.widgets.bars import AlarmStrip, Standing, TabBar, Telling, TopBar
+from rigctl.console.widgets.dialogs import HelpDialog
+from rigctl.console.widgets.pages import pages_of
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import RigError
+from rigctl.core.making_safe import Rest
+
+if TYPE_CHECKING:
+    from rigctl.campaign.session.questions import Question
 
 P = ParamSpec("P")
 Window = TypeVar("Window", bound=App[None])
@@ -51,14 +61,17 @@ def while_running(show: Callable[Concatenate[Window, P], None]) -> Callable[Conc
     return shown
 
 
-class Shell(App[None]):
+class Shell(OrderedKeys):
     """The screens of the console; `directory` is where its state is kept."""
 
     TITLE = "rigctl"
     CSS_PATH = "console.tcss"
+    AT_ONCE = frozenset({"f8", "ctrl+x"})
 
     def __init__(self, plugins: Sequence[Path], directory: Path | None) -> None:
         super().__init__()
+        # What the terminal itself sends is read by the driver; a console without one has none.
+        self.driver_class = terminal_driver()
         self.directory = directory or state.state_directory()
         self.kept = state.load(self.directory)
         self._panes = Panes(
@@ -67,20 +80,26 @@ class Shell(App[None]):
         self._view: StoreView | None = None
         self._shown_view: StoreView | None = None
         self._holding = Holding(self.post_message, self.call_from_thread)
+        self._feed = Feed(self.post_message)
         self._analyses = Analyses(self._panes, plugins, self._beside, self._note)
         self._alarms = 0
-        self._asked: tuple[Path, int] | None = None
+        self._notes = Notes()
+        self._bell = Bell(lambda: self.action_ring())
+        self._unsafe: dict[str, Rest] = {}
+        self._titled = ""
+        self._asking = Asking(self, self._answer)
         self.register_theme(DARK)
         self.register_theme(LIGHT)
         self.theme = self.kept.theme if self.kept.theme in {DARK.name, LIGHT.name} else DARK.name
 
     def compose(self) -> ComposeResult:
-        """Top line, tabs, banner, the five screens, keys."""
+        """Top line, tabs, alarms, the five screens, what is told, keys."""
         yield TopBar()
         yield TabBar()
-        yield Banner()
+        yield AlarmStrip()
         with ContentSwitcher(initial=self.kept.screen):
             yield from vars(self._panes).values()
+        yield Telling()
         yield Static(id="too-small")
         yield Footer(show_command_palette=False, compact=True)
 
@@ -99,19 +118,34 @@ class Shell(App[None]):
         self._focus_pane()
 
     def _focus_pane(self) -> None:
-        """Keys belong to the screen that is shown: something on it has to have the focus."""
-        for widget in self._pane(self.kept.screen).query("Tabs, DataTable, RichLog").results(Widget):
-            if widget.focusable:
-                widget.focus()
-                break
+        """Keys belong to the screen that is shown: something on it has to have the focus, before the next key."""
+        pane = self._pane(self.kept.screen)
+        # Not `focus`, which waits for the next turn.
+        self._base.set_focus(pane.rest())
 
-    def on_descendant_blur(self) -> None:
-        """What had the focus may be hidden now."""
-        self.call_after_refresh(self._keep_focus)
+    def action_rest(self) -> None:
+        """Leave whatever has been begun: an entry, a search, a cursor."""
+        self._notes.forget()
+        self._focus_pane()
 
-    def _pane(self, name: str) -> Widget:
-        pane: Widget = getattr(self._panes, name)
-        return pane
+    def action_step_page(self, by: int) -> None:
+        """The next page of this screen, or the one before."""
+        if (pages := pages_of(self._pane(self.kept.screen))) is not None:
+            pages.step(by)
+            self._turned()
+
+    def action_page(self, name: str) -> None:
+        """A page of this screen."""
+        if (pages := pages_of(self._pane(self.kept.screen))) is not None:
+            pages.show(name)
+            self._turned()
+
+    def _turned(self) -> None:
+        self._shown_view = None
+        self._focus_pane()
+
+    def _pane(self, name: str) -> Any:
+        return getattr(self._panes, name)
 
     def _keep_focus(self) -> None:
         if len(self.screen_stack) == 1 and self._base.focused is None:
@@ -165,16 +199,21 @@ class Shell(App[None]):
         if not self.is_running:  # on the way out
             return
         self._keep_focus()
+        self._tell_alarms()
         current = self.kept.screen
-        bench, view = self._holding.bench, self._view
+        bench, view, vitals = self._holding.bench, self._view, self._feed.vitals
         held = view is not None and view.alive
         # A campaign that holds the rig is asked for it by its store; our own bench is closed then.
         if current == "rig" and bench is not None and not held:
             self._panes.rig.show_bench(bench.views(), bench.strips())
+        self._tell_standing()
         if view is None:
             return
         if current == "campaign":
             self._analyses.follow(view)
+            self._panes.campaign.show_vitals(vitals)
+        if current == "rig" and view is self._shown_view and (held or bench is None):
+            self._panes.rig.show_ages(view)
         if view is self._shown_view:
             return
         self._shown_view = view
@@ -182,7 +221,24 @@ class Shell(App[None]):
             self._panes.rig.show_store(view)
         self._panes.campaign.show_store(view)
         self._panes.log.show_store(view)
-        self._tell_standing()
+
+    def _tell_alarms(self) -> None:
+        """What is wrong now, and what is being worked out."""
+        bench, view = self._holding.bench, self._view
+        views = bench.views() if bench is not None else ()
+        alarms = alarms_of(view, self._feed.vitals, views, self._unsafe.values())
+        self._base.query_one(AlarmStrip).say([alarm.text for alarm in alarms])
+        self._base.query_one(Telling).say(self._notes.text(self._analyses.jobs()))
+        self._bell.hear(alarms)
+        self._asking.show(view)
+        self._entitle(alarms)
+
+    def _entitle(self, alarms: Sequence[Alarm]) -> None:
+        """The terminal's title says what a window that is not looked at should say."""
+        title = " ".join(filter(None, ["rigctl", self._campaign_told(), "!" if alarms else ""]))
+        if title != self._titled and self._driver is not None and not self.is_headless:
+            self._titled = title
+            self._driver.write(f"\x1b]2;{title}\x07")
 
     # What the operator is told
 
@@ -193,24 +249,28 @@ class Shell(App[None]):
 
     @while_running
     def _note(self, text: str, severity: say.Severity = "information") -> None:
-        self.notify(text, severity=severity, timeout=8, markup=False)
+        self._notes.tell(text, severity)
         self._panes.log.add(utc_now(), "alarm" if severity == "error" else "note", text)
         if severity == "error":
             self._alarms += 1
             self.action_ring()
-            self._tell_standing()
 
     def _tell_standing(self) -> None:
         view = self._view
         file = self._panes.campaign.file
-        names = [str(path) for path in (self._holding.rig, view.path if view else file) if path]
-        campaign = ""
-        if view is not None:
-            done, planned = view.status.get("runs_done"), view.status.get("runs_planned")
-            campaign = f"{view.state.upper()} {done}/{planned}"
+        held = f"{self._holding.rig} held" if self._holding.bench is not None else ""
+        names = [held, str(view.path if view else file or "")]
         self._base.query_one(TopBar).standing = Standing(
-            " · ".join(names) or "nothing is open", campaign, self._alarms, self.kept.bell
+            " · ".join(filter(None, names)) or "nothing is open", self._campaign_told(), self._alarms, self.kept.bell
         )
+
+    def _campaign_told(self) -> str:
+        view, vitals = self._view, self._feed.vitals
+        if view is None:
+            return ""
+        stalled = vitals is not None and vitals.path == view.path and vitals.stalled
+        state = "STALLED" if stalled else view.state.upper()
+        return f"{state} {view.status.get('runs_done')}/{view.status.get('runs_planned')}"
 
     def _keep_state(self) -> None:
         self.kept.theme = self.theme
@@ -226,41 +286,14 @@ class Shell(App[None]):
     def _beside(self, group: str, work: Coroutine[Any, Any, None]) -> None:
         self.run_worker(work, group=group, exclusive=group == "dry-run")
 
-    # What the campaign asks
-
-    def _show_question(self, view: StoreView) -> None:
-        question = view.question
-        banner = self._base.query_one(Banner)
-        if question is None:
-            banner.say("")
-            self._close_question()
-        elif (view.path, question.number) != self._asked:
-            # Asked once by itself; who has left it comes back with F9.
-            self._asked = (view.path, question.number)
-            self._close_question()
-            banner.say(f"! OPERATOR: {question.text.partition(' Type ')[0]}  (F9 answers)")
-            self.action_ring()
-            self.action_answer()
-
-    def _close_question(self) -> None:
-        """Somebody else has answered, or the campaign is gone."""
-        for screen in list(self.screen_stack):
-            if isinstance(screen, QuestionDialog):
-                screen.dismiss(None)
-
     def action_answer(self) -> None:
         """What the campaign asks."""
-        question = self._view.question if self._view else None
-        if question is None or any(isinstance(screen, QuestionDialog) for screen in self.screen_stack):
-            return
-        store = self._view.path if self._view else Path()
+        self._asking.ask(self._view)
 
-        def go(text: str) -> None:
-            self._act(f"answer '{text}' to: {question.text.partition(' Type ')[0]}")
-            # With its number: the campaign may ask something else by the time the word is written.
-            self._send("answer", store, text, question.number)
-
-        QuestionDialog(question.text, question.choices).ask(self, go)
+    def _answer(self, store: Path, question: Question, text: str) -> None:
+        self._act(f"answer '{text}' to: {question.text.partition(' Type ')[0]}")
+        # With its number: the campaign may ask something else by the time the word is written.
+        self._send("answer", store, text, question.number)
 
     # What is kept, and searched
 

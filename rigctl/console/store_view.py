@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,8 +29,10 @@ class StoreView:
     question: Question | None
     run_id: str = ""
     samples: Mapping[str, FloatArray] = field(default_factory=dict)
-    sampled_s: float = 0.0
-    """When the samples were read, on this computer's monotonic clock."""
+    sampled_s: float = math.nan
+    """When the newest sample was recorded, on this computer's monotonic clock; NaN when nobody knows."""
+    run_ended_s: float = math.nan
+    """When the last finished run was over, on the same clock."""
     campaign_toml: str = ""
     rig_toml: str = ""
     channels: Mapping[str, ChannelInfo] = field(default_factory=dict)
@@ -38,3 +41,8 @@ class StoreView:
     def state(self) -> str:
         """running, paused, done, aborted or interrupted."""
         return str(self.status.get("state", "?"))
+
+    @property
+    def killed(self) -> bool:
+        """Whether the campaign's process is gone and could not say how it ended."""
+        return bool(self.status.get("killed"))

@@ -34,6 +34,10 @@ TURN_S = 0.0005
 STOPS_FIRST_S = 0.005
 """The main thread lets the stops go first, for so long at most: an exchange it is in would keep one of them back."""
 
+STOP_SIGNAL = signal.SIGUSR1
+"""What a console sends for its operator's STOP: the record then says who stopped, not which signal came."""
+
+STOPPED = "STOP, by the operator at a console"
 TERMINAL_LOST = "the terminal was lost"
 OnTerminalLost = Literal["continue", "stop"]
 
@@ -126,7 +130,7 @@ def _failure(name: str, act: Callable[[], None]) -> str:
 def ended_by_signals(
     abort: Callable[[str], object], on_terminal_lost: OnTerminalLost = "stop", leave_s: float = LEAVE_S
 ) -> Iterator[None]:
-    """INT, TERM and, unless the terminal may be lost, HUP call `abort(reason)` at once, on a thread of its own.
+    """INT, TERM, STOP and, unless the terminal may be lost, HUP call `abort(reason)` at once, on a thread of its own.
 
     So a stop overtakes whatever the main thread waits for. Further signals change nothing: what they ask is done.
     A main thread that has not left after `leave_s` is interrupted with `Aborted`. Outside the main thread this does
@@ -135,7 +139,10 @@ def ended_by_signals(
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    reasons = {number: f"interrupted by {number.name}" for number in (signal.SIGINT, signal.SIGTERM)}
+    reasons: dict[signal.Signals, str] = {
+        number: f"interrupted by {number.name}" for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    reasons[STOP_SIGNAL] = STOPPED
     if on_terminal_lost == "stop":
         reasons[signal.SIGHUP] = TERMINAL_LOST
     with _Watch(abort, reasons, leave_s):
@@ -172,7 +179,7 @@ class _Watch:
         self._thread.start()
         self._waked = signal.set_wakeup_fd(self._rope.fileno(), warn_on_full_buffer=False)
         # HUP is noted even where it is to be survived: by default it would end the process.
-        watched = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        watched = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, STOP_SIGNAL)
         self._before = {number: signal.signal(number, self._note) for number in watched}
 
     def __exit__(self, *_: object) -> None:

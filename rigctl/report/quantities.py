@@ -74,6 +74,19 @@ def duration(seconds: float | None) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
+def age(seconds: float | None) -> str:
+    """How old something is, in six characters or so: "< 1 s", "12 s", "5 min", "3.2 h", "4 d"; "?" where unknown."""
+    if seconds is None or math.isnan(seconds):
+        return "?"
+    if seconds < 1.0:
+        return "< 1 s"
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    if seconds < 99.5 * 60:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h" if seconds < 48 * 3600 else f"{seconds / 86400:.0f} d"
+
+
 def _exponent(value: float) -> int:
     return math.floor(math.log10(abs(value))) if value else 0
 

@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from rigctl.campaign.session.heartbeat import STALLED_S
 from rigctl.report.quantities import duration
 from rigctl.report.tables.result_table import ResultTable, print_tables
 
@@ -79,5 +80,14 @@ def print_status(status: Mapping[str, Any]) -> None:
     """A campaign's status in two lines, and a third when runs were repeated."""
     runs = f"{status['runs_done']} of {status['runs_planned']} runs ({status['runs_invalid']} invalid)"
     lines = [f"{status['state']}: {runs}, {duration(status['eta_s'])} left"]
+    age_s = status.get("heartbeat_age_s")
+    if age_s is not None and age_s > STALLED_S:
+        lines.append(
+            f"STALLED: its process has given no sign of life for {duration(age_s)}; `rigctl stop RIG` stops the rig"
+        )
+    if status.get("killed"):
+        lines.append(
+            "its process is gone without a word; `rigctl stop RIG` brings the rig to rest, `rigctl resume` goes on"
+        )
     lines += [str(status.get("step", "")), repeats_line(status.get("runs_repeated", {}))]
     print_tables([ResultTable("", notes=list(filter(None, lines)))])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,9 +14,11 @@ import pytest
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import locks
 from rigctl.campaign.session.control import Control, RequestWatcher, forget_requests
+from rigctl.campaign.session.heartbeat import STALLED_S
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import Aborted, DataError, LinkLost, RigError
+from rigctl.core.making_safe import STOPPED
 
 PATIENCE_S = 10.0
 
@@ -96,6 +100,28 @@ def test_requests_in_the_store_are_obeyed_in_order(store: Store) -> None:
         assert safe.called.wait(PATIENCE_S)
     assert control.reason == "the operator asked for it (rigctl abort)"
     assert store.take_request() is None
+
+
+def test_a_stop_is_recorded_as_one(store: Store) -> None:
+    control = Control(Safe())
+    with RequestWatcher(store.path, control):
+        store.add_request("stop")
+        wait_for(lambda: control.aborted)
+    assert control.reason == STOPPED
+
+
+def test_a_campaign_beats_whatever_it_waits_for_and_its_status_says_how_long_ago(store: Store) -> None:
+    lock = locks.store_lock(store.path)
+    with locks.held(lock, "held"):
+        hour_ago_s = time.time() - 3600.0
+        os.utime(lock, (hour_ago_s, hour_ago_s))
+        assert status_of(store.path)["heartbeat_age_s"] == pytest.approx(3600.0, abs=PATIENCE_S)
+        with RequestWatcher(store.path, Control(Safe())):
+            wait_for(lambda: status_of(store.path)["heartbeat_age_s"] < STALLED_S)
+        assert not status_of(store.path)["killed"]
+    # The lock ended with its process, and the process did not say how it ended.
+    status = status_of(store.path)
+    assert (status["state"], status["killed"], status["heartbeat_age_s"]) == ("interrupted", True, None)
 
 
 def test_an_instrument_that_will_not_stop_does_not_end_the_watch(

@@ -37,8 +37,9 @@ def test_residuals_next_and_the_ladder(store: Path, at_console: Any) -> None:
         await seat.until(lambda: "frequency" not in bench.query_one("#residuals").picture.x_label, SLOW_S)
         assert bench.covariate == "start_s"
         await seat.press("n")
-        await seat.until(lambda: bench.query_one("#workbench-tabs").active == "tab-next", SLOW_S)
-        assert "asks what to measure next" not in seat.text
+        assert bench.query_one("#workbench-tabs").active == "tab-next"
+        await seat.sees("recommend of here.rig.sqlite, ", SLOW_S)
+        await seat.until(lambda: "asks what to measure next" not in seat.text, SLOW_S)
         await seat.press("a")
         await seat.sees("Add which effect?")
         await seat.press(*"axis-tilt", "enter")

@@ -94,7 +94,7 @@ def test_all_are_stopped_at_once() -> None:
     assert all(rest.confirmed for rest in rests)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, making_safe.STOP_SIGNAL])
 def test_a_signal_aborts_on_another_thread_while_the_main_one_waits(number: signal.Signals) -> None:
     before = signal.getsignal(number)
     reasons, aborted = [], threading.Event()
@@ -107,7 +107,8 @@ def test_a_signal_aborts_on_another_thread_while_the_main_one_waits(number: sign
     with ended_by_signals(abort):
         os.kill(os.getpid(), number)
         assert aborted.wait(PATIENCE_S)
-    wording = "the terminal was lost" if number == signal.SIGHUP else f"interrupted by {number.name}"
+    told = {signal.SIGHUP: "the terminal was lost", making_safe.STOP_SIGNAL: "STOP, by the operator at a console"}
+    wording = told.get(number, f"interrupted by {number.name}")
     assert reasons == [(wording, False)]
     assert signal.getsignal(number) == before
     assert signal.set_wakeup_fd(-1) == -1

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from rigctl.campaign.session.heartbeat import BEAT_S, beat
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import Aborted, RigError
+from rigctl.core.making_safe import STOPPED
 
 HEED_S = 0.04
 """How often requests in the store are looked for (wall-clock)."""
@@ -86,7 +89,7 @@ class Control:
 
 
 class RequestWatcher:
-    """Carries out requests in the store in a thread, twenty-five times a second.
+    """Carries out requests in the store in a thread, twenty-five times a second, and is the campaign's heartbeat.
 
     What goes wrong here ends no campaign: an instrument that would not stop is tried again, and reported, when
     the campaign leaves its rig; a store that is busy is looked into again.
@@ -108,8 +111,12 @@ class RequestWatcher:
 
     def _watch(self) -> None:
         # A store of its own: a connection belongs to the thread that opened it.
+        beaten_s = 0.0
         with Store.open(self._path) as store:
             while not self._ended.wait(HEED_S):
+                if time.monotonic() - beaten_s > BEAT_S:
+                    beaten_s = time.monotonic()
+                    beat(self._path)
                 with suppress(RigError):
                     self._obey(store.take_request())
 
@@ -120,6 +127,8 @@ class RequestWatcher:
             self._control.go_on()
         elif request == "abort":
             self._control.abort("the operator asked for it (rigctl abort)")
+        elif request == "stop":
+            self._control.abort(STOPPED)
 
 
 def forget_requests(store: Store) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from rigctl.campaign.store.store import Store
+from rigctl.core.clock import utc_now
 
 PUBLISH_S = 0.2
 """Least wall-clock time between two status rows."""
@@ -72,7 +73,7 @@ class Progress:
         if not durable and time.monotonic() - self._published < PUBLISH_S:
             return
         self._published = time.monotonic()
-        status = self.status()
+        status = {**self.status(), "updated": utc_now()}
         # Synced at a change of state only: progress that a power cut takes away is told again by the next row.
         self._store.set_status(status, durable=durable)
         if self._display is not None:

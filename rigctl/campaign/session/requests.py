@@ -11,7 +11,7 @@ from rigctl.campaign.session.questions import Question, open_question
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import RigError
 
-Request = Literal["pause", "resume", "abort"]
+Request = Literal["pause", "resume", "abort", "stop"]
 
 
 def is_running(store: Path) -> bool:
@@ -20,7 +20,7 @@ def is_running(store: Path) -> bool:
 
 
 def request(store: Path, kind: Request) -> None:
-    """Ask a running campaign to pause, go on or abort; `RigError` when none runs."""
+    """Ask a running campaign to pause, go on, abort, or abort because of a STOP; `RigError` when none runs."""
     with Store.open(store) as opened:
         if not is_running(store):
             raise RigError(f"{store}: no campaign is running on it; `rigctl status` tells how it ended")

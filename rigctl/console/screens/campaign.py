@@ -12,23 +12,27 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widget import Widget
-from textual.widgets import Input, Static, TabbedContent, TabPane
+from textual.widgets import Input, Static
 
 from rigctl.console.entries import Entry, Listing
 from rigctl.console.messages import DryRunAsked, Launch, Noted, RequestAsked, StartAsked
-from rigctl.console.screens.campaign_progress import ProgressTab
+from rigctl.console.screens.campaign_progress import ProgressPage
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.dialogs import ConfirmDialog, StartDialog, TextDialog
+from rigctl.console.widgets.pages import Page, Pages
 
 if TYPE_CHECKING:
     from rigctl.console.form import CampaignForm
+    from rigctl.console.vitals import Vitals
 
 
-class FileTab(TabPane):
+class FilePage(Page):
     """A line that says what is wrong, and the form."""
 
     def __init__(self) -> None:
         super().__init__("File", id="tab-file")
+        self._undone: list[tuple[str, str]] = []
+        self._shown: dict[str, str] = {}
         self.form: CampaignForm | None = None
 
     def compose(self) -> ComposeResult:
@@ -40,7 +44,8 @@ class FileTab(TabPane):
         """A campaign file in the form."""
         from rigctl.console.form import CampaignForm  # what checks the files is imported after the first paint
 
-        self.form = CampaignForm(path, text)
+        self.form, self._undone = CampaignForm(path, text), []
+        self._shown = {part.name: part.text for part in self.form.parts if isinstance(part, Entry)}
         box = self.query_one("#form", VerticalScroll)
         # Awaited: the new fields have the same ids.
         await box.remove_children()
@@ -49,8 +54,29 @@ class FileTab(TabPane):
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """What is typed goes into the file's text, which is judged at once."""
-        if self.form is not None and self.form.type(event.input.name or "", event.value):
+        if self.form is None:
+            return
+        name, before = event.input.name or "", self._shown.get(event.input.name or "", "")
+        if self.form.type(name, event.value):
+            # Key by key would be tedious: an entry is taken back whole.
+            if not self._undone or self._undone[-1][0] != name:
+                self._undone.append((name, before))
             self.judge()
+        self._shown[name] = event.value
+
+    def undo(self) -> bool:
+        """Give the entry that was changed last what stood there before; False when none was."""
+        if not self._undone:
+            return False
+        name, before = self._undone.pop()
+        field = next(each for each in self.query(Input) if each.name == name)
+        with self.prevent(Input.Changed):
+            field.value = before
+        assert self.form is not None
+        self.form.type(name, before)
+        self._shown[name] = before
+        self.judge()
+        return True
 
     def judge(self) -> None:
         """Say what is wrong, and mark the entry."""
@@ -97,8 +123,8 @@ class CampaignPane(Vertical):
 
     def __init__(self) -> None:
         super().__init__(id="campaign")
-        self._progress = ProgressTab()
-        self._file = FileTab()
+        self._progress = ProgressPage()
+        self._file = FilePage()
 
     @property
     def file(self) -> Path | None:
@@ -106,18 +132,28 @@ class CampaignPane(Vertical):
         return self._file.form.path if self._file.form else None
 
     def compose(self) -> ComposeResult:
-        """Three tabs."""
-        with TabbedContent(id="campaign-tabs"):
-            yield self._progress
-            yield self._file
-            with TabPane("Dry run", id="tab-dry"), VerticalScroll():
-                yield Static("d tells what the campaign file would do, without moving anything.", id="plan")
+        """Three pages."""
+        plan = Static("d tells what the campaign file would do, without moving anything.", id="plan")
+        dry = Page("Dry run", VerticalScroll(plan), id="tab-dry")
+        yield Pages(self._progress, self._file, dry, id="campaign-tabs")
+
+    def rest(self) -> Widget:
+        """Where the focus is while nothing is written."""
+        return self.query_one(Pages).rest()
+
+    def undo(self) -> bool:
+        """Take back what was last typed into the form, while it is shown; False when nothing was."""
+        return self.query_one(Pages).active == "tab-file" and self._file.undo()
 
     # What is shown
 
     def show_store(self, view: StoreView) -> None:
         """The campaign as its store tells."""
         self._progress.show_store(view, on_screen=self.display)
+
+    def show_vitals(self, vitals: Vitals | None) -> None:
+        """How long ago the campaign gave a sign of life, and recorded anything."""
+        self._progress.show_vitals(vitals)
 
     def show_null_search(self, search: Mapping[str, Any]) -> None:
         """The response of the mounting that is measured, as last worked out."""
@@ -126,7 +162,6 @@ class CampaignPane(Vertical):
     def show_plan(self, text: str) -> None:
         """What a dry run told."""
         self.query_one("#plan", Static).update(Text(text))
-        self._go("tab-dry")
 
     async def show_file(self, path: Path, text: str) -> None:
         """A campaign file in the form."""
@@ -134,7 +169,7 @@ class CampaignPane(Vertical):
         self._progress.show_file(path)
 
     def _go(self, tab: str) -> None:
-        self.query_one("#campaign-tabs", TabbedContent).active = tab
+        self.query_one(Pages).show(tab)
 
     # What the operator does
 
@@ -173,11 +208,14 @@ class CampaignPane(Vertical):
         """Show the form."""
         if self._opened() is not None:
             self._go("tab-file")
-            self._file.query(Input).first().focus()
+            if entries := self._file.query(Input):
+                self.screen.set_focus(entries.first())
 
     def action_dry_run(self) -> None:
         """Have it worked out."""
         if (form := self._opened()) is not None:
+            # Here and not when it is worked out: pages change by keys alone.
+            self._go("tab-dry")
             self.post_message(DryRunAsked(form.path))
 
     def action_save(self) -> None:

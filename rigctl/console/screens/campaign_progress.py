@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
-from textual.widgets import ProgressBar, Static, TabPane, Tree
+from textual.widgets import ProgressBar, Static, Tree
 from textual.widgets.tree import TreeNode
 
 from rigctl.campaign.recording import RunRecord
 from rigctl.console.store_view import StoreView
+from rigctl.console.widgets.pages import Page
 from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import Line, Picture
-from rigctl.report.quantities import duration
+from rigctl.report.quantities import age, duration
+
+if TYPE_CHECKING:
+    from rigctl.console.vitals import Vitals
 
 STEPS_S = 1.0
 """The tree of steps is drawn anew at most so often."""
@@ -26,7 +31,7 @@ STEPS_S = 1.0
 STATES = {"running": "▶", "paused": "‖", "done": "✓", "aborted": "■", "interrupted": "✗"}
 
 
-class ProgressTab(TabPane):
+class ProgressPage(Page):
     """A line, a bar, the steps and two plots."""
 
     def __init__(self) -> None:
@@ -35,6 +40,9 @@ class ProgressTab(TabPane):
         self._sigmas: dict[str, dict[int, float]] = {}
         self._tree_of: tuple[object, ...] = ()
         self._steps_s = 0.0
+        self._vitals: Vitals | None = None
+        self._told = ""
+        self._line = Text()
 
     def compose(self) -> ComposeResult:
         """From top to bottom."""
@@ -73,15 +81,38 @@ class ProgressTab(TabPane):
         self._view = view
         status = view.status
         done, planned = int(status["runs_done"]), int(status["runs_planned"])
-        line = Text()
-        line.append(f"{STATES.get(view.state, '?')} {view.state} ", style="bold")
-        line.append(f" {done} of {planned} runs, {status['runs_invalid']} invalid, {_eta(status)}")
-        line.append(f"  {status.get('step', '')}", style="dim")
-        self._say(line, done, max(planned, 1))
+        self._told = f"{done} of {planned} runs, {status['runs_invalid']} invalid"
+        self.query_one(ProgressBar).update(total=max(planned, 1), progress=done)
+        self._tell()
         # The last state is shown in any case: no other comes after it.
         if (on_screen and time.monotonic() - self._steps_s > STEPS_S) or not view.alive:
             self._steps_s = time.monotonic()
             self._show_steps(view)
+
+    def show_vitals(self, vitals: Vitals | None) -> None:
+        """How long ago the campaign gave a sign of life, and recorded anything."""
+        self._vitals = vitals
+        if self._view is not None:
+            self._tell()
+
+    def _tell(self) -> None:
+        """What the store says, each with its age: nothing here goes on by itself."""
+        view = self._view
+        if view is None:
+            return
+        vitals = self._vitals if self._vitals is not None and self._vitals.path == view.path else None
+        stalled = vitals is not None and vitals.stalled
+        line = Text()
+        line.append("✗ STALLED " if stalled else f"{STATES.get(view.state, '?')} {view.state} ", style="bold")
+        line.append(f" {self._told}")
+        if view.alive:
+            line.append(", time left unknown" if stalled else f", {_left(view.status)}")
+        line.append(f"  {view.status.get('step', '')}", style="dim")
+        if vitals is not None:
+            line.append(f"\n{_signs(vitals)}", style="dim")
+        if line != self._line:
+            self._line = line
+            self.query_one("#progress-line", Static).update(line)
 
     def show_null_search(self, search: Mapping[str, Any]) -> None:
         """The response of the mounting that is measured, as last worked out."""
@@ -112,7 +143,14 @@ class ProgressTab(TabPane):
         running = view.state in {"running", "paused"}
         groups = _groups(view.runs)
         for place, (outer, mountings) in enumerate(groups.items()):
-            _add_group(tree.root, outer, mountings, running=running, last=place == len(groups) - 1)
+            _add_group(
+                tree.root,
+                outer,
+                mountings,
+                running=running,
+                ended=view.state == "done",
+                last=place == len(groups) - 1,
+            )
         if running:
             tree.root.add_leaf(f"▶ now: {view.status.get('step') or 'preparing'}")
         tree.scroll_end(animate=False)
@@ -130,17 +168,28 @@ def _groups(runs: Sequence[RunRecord]) -> dict[str, dict[str, list[RunRecord]]]:
 
 
 def _add_group(
-    root: TreeNode[Any], name: str, mountings: Mapping[str, list[RunRecord]], *, running: bool, last: bool
+    root: TreeNode[Any],
+    name: str,
+    mountings: Mapping[str, list[RunRecord]],
+    *,
+    running: bool,
+    ended: bool,
+    last: bool,
 ) -> None:
     count = sum(map(len, mountings.values()))
-    node = root.add(f"{'▶' if running and last else '✓'} {name}: {count} runs", expand=last)
+    # Whether a step is finished only its procedure knows: a tick says that the campaign is done, nothing less.
+    node = root.add(f"{_sign(running and last, ended)} {name}: {count} runs", expand=last)
     for place, (mounting, runs) in enumerate(mountings.items()):
         now = running and last and place == len(mountings) - 1
         invalid = sum(not run.valid for run in runs)
-        label = f"{'▶' if now else '✓'} {mounting}: {len(runs)}{f', {invalid} invalid' if invalid else ''}"
+        label = f"{_sign(now, ended)} {mounting}: {len(runs)}{f', {invalid} invalid' if invalid else ''}"
         leaf = node.add(label, expand=now)
         for run in runs if now or not running else ():  # a night has too many to draw them all each time
             leaf.add_leaf(_run_label(run))
+
+
+def _sign(now: bool, ended: bool) -> str:
+    return "▶" if now else "✓" if ended else "·"
 
 
 def _run_label(run: RunRecord) -> str:
@@ -154,7 +203,17 @@ def _run_label(run: RunRecord) -> str:
     return label
 
 
-def _eta(status: Mapping[str, Any]) -> str:
-    if status.get("state") not in {"running", "paused"}:
-        return "ended"
-    return f"{duration(status.get('eta_s'))} left"
+def _left(status: Mapping[str, Any]) -> str:
+    """The time left, less what has passed since it was worked out."""
+    eta_s, updated = status.get("eta_s"), status.get("updated")
+    if status.get("state") == "paused" or eta_s is None or not updated:
+        return "time left unknown"
+    passed_s = (datetime.now(UTC) - datetime.fromisoformat(str(updated))).total_seconds()
+    left_s = float(eta_s) - passed_s
+    return f"{duration(left_s)} left" if left_s >= 0.0 else f"{duration(-left_s)} later than expected"
+
+
+def _signs(vitals: Vitals) -> str:
+    beat_s, written_s = vitals.beat_age_s(), vitals.written_age_s()
+    recorded = f"last recorded {age(written_s)} ago" if written_s is not None else "nothing recorded"
+    return f"heartbeat {age(beat_s)} ago, {recorded}" if beat_s is not None else f"no process; {recorded}"

@@ -11,6 +11,7 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
+from textual.widget import Widget
 from textual.widgets import Input, RichLog, Static
 
 from rigctl.console.log_lines import LogLine, Search, lines_of
@@ -28,7 +29,6 @@ class LogPane(Vertical):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("slash", "search", "Search", key_display="/"),
         Binding("w", "alarms", "Alarms only"),
-        Binding("escape", "leave", "Leave search", show=False),
     ]
 
     def __init__(self) -> None:
@@ -71,11 +71,11 @@ class LogPane(Vertical):
 
     def action_search(self) -> None:
         """Into the search."""
-        self.query_one(Input).focus()
+        self.screen.set_focus(self.query_one(Input))
 
-    def action_leave(self) -> None:
-        """Back to the lines."""
-        self.query_one(RichLog).focus()
+    def rest(self) -> Widget:
+        """Where the focus is while nothing is searched."""
+        return self.query_one(RichLog)
 
     def action_alarms(self) -> None:
         """Alarms only, or all."""
@@ -87,7 +87,7 @@ class LogPane(Vertical):
 
     def on_input_submitted(self) -> None:
         """Back to what was found."""
-        self.query_one(RichLog).focus()
+        self.screen.set_focus(self.rest())
 
     def _look_for(self, search: Search) -> None:
         self.search, self._earlier = search, []

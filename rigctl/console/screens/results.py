@@ -13,38 +13,41 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widget import Widget
-from textual.widgets import Static, TabbedContent, TabPane
+from textual.widgets import Static
 
 from rigctl.console.messages import AnalysisAsked
 from rigctl.console.widgets.dialogs import OpenDialog
+from rigctl.console.widgets.pages import Page, Pages
 from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import Picture
 from rigctl.report.tables.result_table import ResultTable, rich_table
 from rigctl.report.tables.workbench import transfer_table
 from rigctl.report.verdicts import transfer_sentence
 
-NONE_YET = "No result yet: u computes it from the store that is open."
+NONE_YET = "No result yet: f works it out from the store that is open."
 
 
 class ResultsPane(Vertical):
     """Results of the store that is open."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("u", "update", "Update"),
+        Binding("f", "update", "Work out"),
         Binding("v", "compare", "Compare with"),
     ]
 
     def __init__(self) -> None:
         super().__init__(id="results")
-        self._shown = ["tab-result"]
         self._one_at_a_time = asyncio.Lock()
 
     def compose(self) -> ComposeResult:
-        """A tab for each kind of table that the experiment has, its plots, and the comparison."""
-        with TabbedContent(id="results-tabs"):
-            yield TabPane("Result", Static(NONE_YET), id="tab-result")
-            with TabPane("Compare", id="tab-compare"), VerticalScroll():
-                yield Static("v compares with the runs of another store.", id="compare")
+        """A page for each kind of table that the experiment has, its plots, and the comparison."""
+        compared = Static("v compares with the runs of another store.", id="compare")
+        compare = Page("Compare", VerticalScroll(compared), id="tab-compare")
+        yield Pages(Page("Result", Static(NONE_YET), id="tab-result"), compare, id="results-tabs")
+
+    def rest(self) -> Widget:
+        """Where the focus is while nothing else is asked for."""
+        return self.query_one(Pages).rest()
 
     async def clear(self) -> None:
         """Another store is open."""
@@ -60,17 +63,18 @@ class ResultsPane(Vertical):
         await self._show(tabs)
 
     async def _show(self, tabs: Mapping[str, Sequence[Widget]]) -> None:
-        content = self.query_one("#results-tabs", TabbedContent)
-        # Removing and adding tabs takes several turns of the loop, and two results may come at once.
+        pages = [
+            # Plots fill their page; tables may be longer than it is.
+            Page(name, *(widgets if name == "Plots" else [VerticalScroll(*widgets)]), id=f"tab-{name.lower()}")
+            for name, widgets in tabs.items()
+        ]
+        # Removing and adding pages takes several turns of the loop, and two results may come at once.
         async with self._one_at_a_time:
-            before = content.active
-            for tab in self._shown:
-                await content.remove_pane(tab)
-            self._shown = [f"tab-{name.lower()}" for name in tabs]
-            for tab, (name, widgets) in zip(self._shown, tabs.items(), strict=True):
-                inside = widgets if name == "Plots" else [VerticalScroll(*widgets)]
-                await content.add_pane(TabPane(name, *inside, id=tab), before="tab-compare")
-            content.active = before if before in {*self._shown, "tab-compare"} else self._shown[0]
+            # Plots and tables may go while they have the focus.
+            had = self.has_focus_within
+            await self.query_one(Pages).replace(pages, kept=("tab-compare",))
+            if had:
+                self.screen.set_focus(self.rest())
 
     def show_comparison(self, transfer: Mapping[str, Any]) -> None:
         """The keys of `with` in `rigctl compare --json`."""
@@ -80,7 +84,6 @@ class ResultsPane(Vertical):
             _drawn(transfer_table(transfer)),
         )
         self.query_one("#compare", Static).update(Group(*parts))
-        self.query_one("#results-tabs", TabbedContent).active = "tab-compare"
 
     def action_update(self) -> None:
         """Have the result worked out."""
@@ -88,9 +91,12 @@ class ResultsPane(Vertical):
 
     def action_compare(self) -> None:
         """Ask with which store."""
-        OpenDialog("Compare with which store?", sorted(Path().glob("*.rig.sqlite"))).ask(
-            self.app, lambda path: self.post_message(AnalysisAsked("compare_with", (Path(path),)))
-        )
+
+        def go(path: str) -> None:
+            self.query_one(Pages).show("tab-compare")
+            self.post_message(AnalysisAsked("compare_with", (Path(path),)))
+
+        OpenDialog("Compare with which store?", sorted(Path().glob("*.rig.sqlite"))).ask(self.app, go)
 
 
 def _drawn(table: ResultTable) -> Group:

@@ -11,16 +11,18 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
+from textual.widget import Widget
 from textual.widgets import DataTable, Static
 
 from rigctl.console.messages import MotionAsked, Noted, ReconnectAsked
-from rigctl.console.readings import InstrumentView, Limits, Strip, recorded_instruments
+from rigctl.console.readings import InstrumentView, Limits, Strip, Value, recorded_instruments
 from rigctl.console.screens.rig_charts import Charts
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.dialogs import TextDialog
 from rigctl.core.numbers import decimal
+from rigctl.report.quantities import age
 
-COLUMNS = ("instrument", "state", "value", "age", "identity")
+COLUMNS = ("instrument", "state", "quantity", "value", "age", "identity")
 MARKS = {"ready": "●", "moving": "▶", "homing": "▶", "stopped": "■", "lost": "✗", "silent": "?", "connecting": "…"}
 STALE_S = 3.0
 
@@ -59,7 +61,7 @@ class RigPane(Vertical):
         """Columns once, rows as instruments come."""
         table = self.query_one(DataTable)
         # So that 80 columns show all but the end of an identity.
-        for name, width in zip(COLUMNS, (13, 12, 23, 6, None), strict=True):
+        for name, width in zip(COLUMNS, (13, 12, 11, 14, 7, None), strict=True):
             table.add_column(name, key=name, width=width)
 
     def show_bench(self, views: Sequence[InstrumentView], strips: Mapping[str, Strip]) -> None:
@@ -72,9 +74,17 @@ class RigPane(Vertical):
         self._show_instruments(recorded_instruments(view))
         self.query_one(Charts).show_store(view)
 
+    def show_ages(self, view: StoreView) -> None:
+        """The same again: values grow older where nothing comes."""
+        self._show_instruments(recorded_instruments(view))
+
+    def rest(self) -> Widget:
+        """Where the focus is while nothing else is asked for."""
+        return self.query_one(DataTable)
+
     def _show_instruments(self, views: Sequence[InstrumentView]) -> None:
         table = self.query_one(DataTable)
-        rows = {view.name: _row(view) for view in views}
+        rows = {key: row for view in views for key, row in _rows(view)}
         # Rows are written anew only where instruments came or went; otherwise the cells that differ.
         if list(self._rows) != list(rows):
             table.clear()
@@ -121,8 +131,10 @@ class RigPane(Vertical):
 
     def _chosen(self) -> InstrumentView | None:
         table = self.query_one(DataTable)
-        names = list(self._views)
-        return self._views[names[table.cursor_row]] if 0 <= table.cursor_row < len(names) else None
+        keys = list(self._rows)
+        if not 0 <= table.cursor_row < len(keys):
+            return None
+        return self._views.get(keys[table.cursor_row].partition(" ")[0])
 
     def _stage(self) -> tuple[InstrumentView, Limits] | None:
         view = self._chosen()
@@ -136,7 +148,7 @@ class RigPane(Vertical):
         if (chosen := self._stage()) is None:
             return
         view, limits = chosen
-        about = f"now {_values_text(view)}; limits {limits}"
+        about = f"now {_value_text(view.values[0]) if view.values else 'unknown'}; limits {limits}"
         TextDialog(f"Move {view.name}", about, "", limits.refusal_of).ask(
             self.app, lambda text: self.post_message(MotionAsked(view.name, "move", (decimal(text.strip()),)))
         )
@@ -171,35 +183,36 @@ def _no_step(text: str) -> str:
         return f"'{text}' is not a number"
 
 
-def _row(view: InstrumentView) -> tuple[str, ...]:
+def _rows(view: InstrumentView) -> list[tuple[str, tuple[str, ...]]]:
+    """A row for each value, which has an age of its own; the instrument stands in the first."""
+    head = (view.name, f"{MARKS.get(view.state, ' ')} {view.state}")
+    if not view.values:
+        return [(f"{view.name} ", (*head, "", "-", "", view.identity))]
     now_s = time.monotonic()
-    age_s = max((now_s - each.taken_s for each in view.values), default=math.nan)
-    return (
-        view.name,
-        f"{MARKS.get(view.state, ' ')} {view.state}",
-        _values_text(view),
-        _age_told(age_s),
-        view.identity,
-    )
+    return [
+        (
+            f"{view.name} {value.label}",
+            (
+                *(head if place == 0 else ("", "")),
+                value.label,
+                _value_text(value),
+                _age_told(now_s - value.taken_s),
+                view.identity if place == 0 else "",
+            ),
+        )
+        for place, value in enumerate(view.values)
+    ]
 
 
 def _age_told(age_s: float) -> str:
-    if math.isnan(age_s):
-        return ""
-    if age_s < STALE_S:  # while it is fresh, its age is not a number to be read ten times a second
-        return "< 1 s" if age_s < 1.0 else f"{age_s:.0f} s"
-    return f"{min(age_s, 999):.0f} s!"
+    # What is not fresh is marked: a number that stands still looks like one that is steady.
+    return f"{age(age_s)}!" if age_s > STALE_S else age(age_s)
 
 
 def _states(rows: Mapping[str, tuple[str, ...]]) -> list[str]:
     return [row[1] for row in rows.values()]
 
 
-def _values_text(view: InstrumentView) -> str:
-    if not view.values:
-        return "-"
-    digits = 4 if view.values[0].unit in {"deg", "mm", "V"} else 2
-    if len(view.values) > 1:
-        digits = 3
-    values = (f"{each.value:.{digits}f}" if math.isfinite(each.value) else "--" for each in view.values)
-    return f"{' '.join(values)} {view.values[0].unit}"
+def _value_text(value: Value) -> str:
+    digits = 4 if value.unit in {"deg", "mm", "V"} else 2
+    return f"{value.value:.{digits}f} {value.unit}" if math.isfinite(value.value) else "--"

@@ -11,10 +11,12 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
-from textual.widgets import DataTable, Static, TabbedContent, TabPane
+from textual.widget import Widget
+from textual.widgets import DataTable, Static
 
 from rigctl.console.messages import AnalysisAsked, Noted
 from rigctl.console.widgets.dialogs import PickDialog
+from rigctl.console.widgets.pages import Page, Pages
 from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import MARKS, Line, Picture
 from rigctl.report.quantities import number, probability
@@ -49,29 +51,42 @@ class WorkbenchPane(Vertical):
         self._ranked: list[Document] = []
 
     def compose(self) -> ComposeResult:
-        """A line that says where one stands, and four tabs."""
+        """A line that says where one stands, and five pages."""
         yield Static("", id="model-line")
-        with TabbedContent(id="workbench-tabs"):
-            with TabPane("Model", id="tab-model"), VerticalScroll():
-                yield Static("f fits the current model of the store that is open.", id="fit")
-            with TabPane("Residuals", id="tab-residuals"):
-                yield Static("v picks what the residuals are shown against.", id="residual-line")
-                yield Plot(Picture("residuals / σ"), id="residuals")
-            with TabPane("Ranking", id="tab-ranking"):
-                yield Static("g diagnoses: which physical effect is missing?", id="verdict")
-                yield DataTable(id="ranking", cursor_type="row")
-                yield Static("", id="rank-detail")
-            with TabPane("Ladder", id="tab-ladder"):
-                yield Static("", id="ladder")
-                yield Plot(Picture("error, 1.00 = noise"), id="ladder-plot")
-            with TabPane("Next", id="tab-next"), VerticalScroll():
-                yield Static("n asks what to measure next.", id="next")
+        yield Pages(
+            Page(
+                "Model",
+                VerticalScroll(Static("f fits the current model of the store that is open.", id="fit")),
+                id="tab-model",
+            ),
+            Page(
+                "Residuals",
+                Static("v picks what the residuals are shown against.", id="residual-line"),
+                Plot(Picture("residuals / σ"), id="residuals"),
+                id="tab-residuals",
+            ),
+            Page(
+                "Ranking",
+                Static("g diagnoses: which physical effect is missing?", id="verdict"),
+                DataTable(id="ranking", cursor_type="row"),
+                Static("", id="rank-detail"),
+                id="tab-ranking",
+            ),
+            Page(
+                "Ladder",
+                Static("", id="ladder"),
+                Plot(Picture("error, 1.00 = noise"), id="ladder-plot"),
+                id="tab-ladder",
+            ),
+            Page("Next", VerticalScroll(Static("n asks what to measure next.", id="next")), id="tab-next"),
+            id="workbench-tabs",
+        )
+
+    def rest(self) -> Widget:
+        """Where the focus is while nothing else is asked for."""
+        return self.query_one(Pages).rest()
 
     # What is shown
-
-    def show_busy(self, what: str) -> None:
-        """Something is being worked out."""
-        self._tell(f"… {what}")
 
     def show_model(self, model: Document) -> None:
         """`rigctl model show`."""
@@ -84,7 +99,6 @@ class WorkbenchPane(Vertical):
         table = parameters_table(fit)
         shown = Group(*map(Text, table.notes), Text(), rich_table(table, box=None, pad_edge=False))
         self.query_one("#fit", Static).update(shown)
-        self._go("tab-model")
 
     def show_residuals(self, residuals: Document) -> None:
         """`rigctl compare`, against one covariate."""
@@ -127,9 +141,7 @@ class WorkbenchPane(Vertical):
                 Text(size),
                 number(rank["held_out_error_ratio"]),
             )
-        self._go("tab-ranking")
         self._show_rank(0)
-        table.focus()
 
     def _widths(self) -> tuple[int, int, int, int]:
         """Of the ranking's columns: what 80 columns leave is little, so names and sizes get all there is beyond."""
@@ -159,13 +171,15 @@ class WorkbenchPane(Vertical):
             table = runs_table(recommendation["runs"])
             parts += [Text(), Text(table.title), rich_table(table)]
         self.query_one("#next", Static).update(Group(*parts))
-        self._go("tab-next")
 
     def _tell(self, text: str) -> None:
         self.query_one("#model-line", Static).update(Text(text, no_wrap=True, overflow="ellipsis"))
 
     def _go(self, tab: str) -> None:
-        self.query_one("#workbench-tabs", TabbedContent).active = tab
+        # By a key and at once: a page that came up when its contents are ready would take keys meant for another.
+        self.query_one(Pages).show(tab)
+        if self.has_focus_within:
+            self.screen.set_focus(self.rest())
 
     def on_data_table_row_highlighted(self, event: DataTable.RowHighlighted) -> None:
         """More of the effect under the cursor."""
@@ -184,15 +198,14 @@ class WorkbenchPane(Vertical):
 
     def action_ask(self, what: str) -> None:
         """Fit the current model, diagnose which effect is missing, or recommend what to measure next."""
+        self._go({"fit": "tab-model", "diagnose": "tab-ranking", "recommend": "tab-next"}[what])
         self.post_message(AnalysisAsked(what))
 
     def action_add(self) -> None:
         """Pick an effect: what is suggested first, then the one under the cursor, then the catalogue."""
         ranked = [str(rank["effect"]) for rank in self._ranked]
         row = self.query_one(DataTable).cursor_row
-        under = (
-            ranked[row : row + 1] if self.query_one("#workbench-tabs", TabbedContent).active == "tab-ranking" else []
-        )
+        under = ranked[row : row + 1] if self.query_one(Pages).active == "tab-ranking" else []
         order = dict.fromkeys([*self._suggested, *under, *ranked, *self._catalogue])
         options = [
             (name, ("suggested: " if name in self._suggested else "") + self._catalogue.get(name, ""))
@@ -217,8 +230,8 @@ class WorkbenchPane(Vertical):
 
         def go(name: str) -> None:
             self.covariate = name
-            self.post_message(AnalysisAsked("residuals", (name,)))
             self._go("tab-residuals")
+            self.post_message(AnalysisAsked("residuals", (name,)))
 
         if self._covariates:
             PickDialog("Residuals against what?", [(name, "") for name in self._covariates]).ask(self.app, go)

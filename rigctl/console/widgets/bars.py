@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rich.text import Text
@@ -98,19 +99,47 @@ class TabBar(Horizontal):
             await self.app.run_action(f"screen('{name}')")
 
 
-class Banner(Static):
-    """A line that stays until it is dealt with; hidden when there is nothing."""
+class AlarmStrip(Static):
+    """A line for each thing that needs the operator, as long as it is so; not there when there is nothing."""
 
     DEFAULT_CSS = """
-    Banner { height: auto; max-height: 2; display: none; background: $warning; color: $stop-text; text-style: bold; }
-    Banner.shown { display: block; }
+    AlarmStrip { height: auto; max-height: 6; display: none; background: $warning; color: $stop-text; }
+    AlarmStrip.shown { display: block; }
     """
 
-    def say(self, text: str) -> None:
-        """Show a text; none hides it."""
-        self.set_class(bool(text), "shown")
-        self.update(Text(text))
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: tuple[str, ...] = ()
+
+    def say(self, lines: Sequence[str]) -> None:
+        """Show these."""
+        if tuple(lines) == self._lines:
+            return
+        self._lines = tuple(lines)
+        self.set_class(bool(lines), "shown")
+        self.update(Text("\n".join(f"! {line}" for line in lines), style="bold"))
 
     async def on_click(self) -> None:
-        """Deal with it."""
+        """Deal with what is asked."""
         await self.app.run_action("answer")
+
+
+class Telling(Static):
+    """What is being worked out, and for a while the last thing that was told; not there when there is nothing."""
+
+    DEFAULT_CSS = """
+    Telling { height: auto; max-height: 4; display: none; background: $panel; }
+    Telling.shown { display: block; }
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._text = Text()
+
+    def say(self, text: Text) -> None:
+        """Show this; an empty one hides it."""
+        if text == self._text:
+            return
+        self._text = text
+        self.set_class(bool(text.plain), "shown")
+        self.update(text)

@@ -17,10 +17,6 @@ from textual.widgets.option_list import Option
 
 from rigctl.console.messages import Launch
 
-MISSED_BY_S = 10.0
-"""An operator's prompt rings again after so long."""
-
-
 Answer = TypeVar("Answer")
 
 
@@ -260,10 +256,6 @@ class QuestionDialog(Dialog[str]):
         yield Static(Text(f"Write {' or '.join(self._choices)}:"))
         yield Input(compact=True)
         yield Static("", classes="refusal")
-
-    def on_mount(self) -> None:
-        """It rings until it is dealt with."""
-        self.set_interval(MISSED_BY_S, lambda: self.app.run_action("ring"))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Only one of the words is an answer."""

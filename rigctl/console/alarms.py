@@ -1,0 +1,56 @@
+"""What needs the operator as long as it is so, worked out from what the store and the instruments say now."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from rigctl.console.readings import InstrumentView, simulated_here
+from rigctl.console.store_view import StoreView
+from rigctl.console.vitals import Vitals
+from rigctl.core.making_safe import Rest
+from rigctl.report.quantities import duration
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """One thing: `key` says which, so that it rings once; `text` may change with time."""
+
+    key: str
+    text: str
+
+
+def alarms_of(
+    view: StoreView | None, vitals: Vitals | None, instruments: Sequence[InstrumentView], unsafe: Iterable[Rest]
+) -> list[Alarm]:
+    """The most urgent first: what may move, what is lost, what stands still, what is asked."""
+    found = [Alarm(f"unsafe {rest.instrument}", f"{rest}; look at it") for rest in unsafe]
+    found += [Alarm(f"{each.state} {each.name}", _of_instrument(each)) for each in instruments if each.state in WRONG]
+    if view is not None:
+        found += _of_campaign(view, vitals)
+    return found
+
+
+WRONG = {"lost": "LOST", "silent": "SILENT"}
+
+
+def _of_instrument(view: InstrumentView) -> str:
+    why = view.error.removeprefix(f"{view.name}: ")
+    return f"{view.name} {WRONG[view.state]}{f': {why}' if why else ': it does not answer'}"
+
+
+def _of_campaign(view: StoreView, vitals: Vitals | None) -> list[Alarm]:
+    found = []
+    if view.killed and not simulated_here(view):
+        text = "The campaign's process is gone without a word; nothing is known of its instruments. F8 stops them"
+        found.append(Alarm(f"killed {view.path}", text))
+    if vitals is not None and vitals.path == view.path and vitals.stalled:
+        age = duration(vitals.beat_age_s())
+        found.append(Alarm(f"stalled {view.path}", f"STALLED: no sign of life of the campaign for {age}. F8 stops"))
+    if view.question is not None:
+        asked = view.question.text.partition(" Type ")[0]
+        found.append(Alarm(f"question {view.path} {view.question.number}", f"OPERATOR: {asked}  (F9 answers)"))
+    elif vitals is not None and vitals.path == view.path and vitals.silent and view.state == "running":
+        text = f"Nothing recorded for {duration(vitals.written_age_s())}, at: {view.status.get('step') or 'start'}"
+        found.append(Alarm(f"silent {view.path}", text))
+    return found

@@ -1,0 +1,119 @@
+"""What is wrong is seen as long as it is so, and what is old is seen to be old."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigctl.campaign.recording import Header, RunRecord
+from rigctl.campaign.session import locks
+from rigctl.campaign.session.heartbeat import STALLED_S, beat
+from rigctl.campaign.session.questions import Question
+from rigctl.campaign.store.store import Store
+from rigctl.console import telling
+from rigctl.console.alarms import Alarm, alarms_of
+from rigctl.console.readings import recorded_instruments
+from rigctl.console.screens.rig import _rows
+from rigctl.console.store_view import StoreView
+from rigctl.console.telling import Bell, Notes
+from rigctl.console.vitals import NOTHING_RECORDED_S, Vitals
+from rigctl.core.making_safe import Rest
+
+STORE = Path("night.rig.sqlite")
+RIG = '[instruments.oven]\nrole = "thermometer"\ndriver = "x"\naddress = "{address}"\n'
+
+
+def seen(*, alive: bool = True, question: Question | None = None, address: str = "tcp:a:1", **more: Any) -> StoreView:
+    status = {"state": "running" if alive else "interrupted", "step": "axis Y", "killed": not alive}
+    return StoreView(STORE, status, alive, (), (), {}, question, rig_toml=RIG.format(address=address), **more)
+
+
+def signs(beat_age_s: float, written_age_s: float) -> Vitals:
+    now_s = time.monotonic()
+    return Vitals(STORE, True, now_s - beat_age_s, now_s - written_age_s)
+
+
+def test_a_campaign_without_a_heartbeat_is_stalled_on_every_screen_until_it_beats(
+    tmp_path: Path, at_console: Any
+) -> None:
+    path = tmp_path / "night.rig.sqlite"
+    with Store.create(path, Header(experiment="sensing-axis")):
+        pass
+
+    async def sitting(seat: Any) -> None:
+        await seat.sees("! STALLED: no sign of life of the campaign for 60 min")
+        await seat.sees("STALLED 0/0")
+        await seat.press("2")
+        await seat.sees("✗ STALLED")
+        await seat.sees("time left unknown")
+        await seat.press("5")
+        await seat.sees("! STALLED")
+        beat(path)
+        await seat.until(lambda: "STALLED" not in seat.text)
+
+    with locks.held(locks.store_lock(path), "held"):
+        hour_ago = time.time() - 3600.0
+        os.utime(locks.store_lock(path), (hour_ago, hour_ago))
+        at_console(sitting, path)
+
+
+def keys_of(view: StoreView | None, vitals: Vitals | None) -> list[str]:
+    return [alarm.key.partition(" ")[0] for alarm in alarms_of(view, vitals, (), ())]
+
+
+def test_what_is_an_alarm_of_a_campaign() -> None:
+    question = Question(3, "Mount X. Type 'done': ", "")
+    assert keys_of(seen(), signs(0.5, 1.0)) == []
+    assert keys_of(seen(), signs(STALLED_S + 1.0, 1.0)) == ["stalled"]
+    assert keys_of(seen(), signs(0.5, NOTHING_RECORDED_S + 1.0)) == ["silent"]
+    # Who waits for the operator records nothing: that is no fault.
+    assert keys_of(seen(question=question), signs(0.5, NOTHING_RECORDED_S + 1.0)) == ["question"]
+    assert keys_of(seen(alive=False), None) == ["killed"]
+    # Simulated instruments are gone with their process.
+    assert keys_of(seen(alive=False, address="sim:oven"), None) == []
+
+
+def test_signs_of_life_of_another_store_are_not_this_one_s() -> None:
+    other = Vitals(Path("other.rig.sqlite"), True, time.monotonic() - 3600.0, time.monotonic())
+    assert keys_of(seen(), other) == []
+
+
+def test_who_has_not_confirmed_to_be_at_rest_stays_the_first_alarm() -> None:
+    unsafe = [Rest("stage", False, 5.0, "no answer within 5 s")]
+    first, second = alarms_of(seen(), signs(60.0, 1.0), (), unsafe)
+    assert first.text == "stage: NOT CONFIRMED: no answer within 5 s; look at it"
+    assert second.key.startswith("stalled")
+
+
+def test_the_bell_rings_for_what_is_new_and_again_for_what_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, rung = [1000.0], []
+    monkeypatch.setattr(telling.time, "monotonic", lambda: now_s[0])
+    bell = Bell(lambda: rung.append(now_s[0]))
+    lost, asked = Alarm("lost stage", ""), Alarm("question a 1", "")
+    for at_s, alarms in ((0, [lost]), (20, [lost]), (21, [lost, asked]), (25, [asked]), (32, [asked]), (50, [lost])):
+        now_s[0] = 1000.0 + at_s
+        bell.hear(alarms)
+    assert [at_s - 1000.0 for at_s in rung] == [0, 21, 32, 50]
+
+
+def test_an_error_is_not_pushed_away_by_what_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = [1000.0]
+    monkeypatch.setattr(telling.time, "monotonic", lambda: now_s[0])
+    notes = Notes()
+    notes.tell("it failed", "error")
+    notes.tell("saved", "information")
+    assert notes.text([]).plain == "✗ it failed"
+    now_s[0] += telling.ERROR_S + 1.0
+    assert notes.text(["fit of x, 3 s"]).plain == "… fit of x, 3 s"
+
+
+def test_a_recorded_value_is_as_old_as_the_run_it_was_measured_in() -> None:
+    run = RunRecord("1", "", "", {"temperature_c": 21.5})
+    view = seen(run_ended_s=time.monotonic() - 2.0 * 3600.0, sampled_s=time.monotonic())
+    (oven,) = recorded_instruments(StoreView(**{**vars(view), "runs": (run,)}))
+    ((_, row),) = _rows(oven)
+    assert row[2:5] == ("temperature", "21.50 degC", "2.0 h!")
