@@ -39,7 +39,7 @@ class Conversation:
 
     `lock` may be held around exchanges that belong together. `harmless` says of unread bytes that they are part of no
     reply. `anew` is for instruments whose late replies do not reach a new connection: it is made after every doubt.
-    Exchanges raise `LinkTimeout`, `LinkLost` or `OutOfStep`; after the first two the question may have been got or not.
+    Exchanges raise `LinkTimeout`, `LinkLost` or `OutOfStep`; after the first two the question may have come or not.
     """
 
     def __init__(
