@@ -67,8 +67,8 @@ metamorphic-bundles: setup
 dialects: setup
 	RIGCTL_ALL_PAIRS=1 $(BIN)/pytest tests/drivers/test_linear_stage_contract.py
 
-# Other people's drivers against the simulators, in an environment of their own: tests/clients/README.md. Two that no index has
-# are taken along with RIGCTL_ODEMIS=DIR and RIGCTL_EMULATORS=DIR. InstrumentKit asks for versions that no longer build.
+# Other people's drivers against the simulators, in an environment of their own: tests/clients/README.md, which names those
+# that no index has (RIGCTL_ODEMIS=DIR and others). InstrumentKit asks for versions that no longer build.
 CLIENTS := out/clients
 clients:
 	test -x $(CLIENTS)/bin/python || $(PYTHON) -m venv $(CLIENTS)

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import NamedTuple, NoReturn, ParamSpec, TypeVar
 
-from drivers.transport import Connect, Transport
+from drivers.transport import Clearable, Connect, Transport
 from rigctl.core.errors import BadReply, LinkError, LinkLost, LinkTimeout, OutOfStep
 
 T = TypeVar("T")
@@ -20,7 +20,6 @@ P = ParamSpec("P")
 
 # A line that still sends other things after so many is used by somebody else.
 REPLIES_BEHIND_MAX = 64
-
 OVERTAKEN_AFTER_S = 0.05
 """How long [s of wall-clock time] somebody urgent waits for an exchange to end by itself; most take a millisecond."""
 
@@ -40,8 +39,7 @@ class Conversation:
 
     `lock` may be held around exchanges that belong together. `harmless` says of unread bytes that they are part of no
     reply. `anew` is for instruments whose late replies do not reach a new connection: it is made after every doubt.
-    Every exchange raises `LinkTimeout`, `LinkLost` or `OutOfStep`; after the first two the instrument may have got
-    the question or not.
+    Exchanges raise `LinkTimeout`, `LinkLost` or `OutOfStep`; after the first two the question may have come or not.
     """
 
     def __init__(
@@ -112,11 +110,8 @@ class Conversation:
         self, question: bytes, read: Callable[[Transport], T], sending: AbstractContextManager[None] | None
     ) -> T:
         transport = self._clear(question)
-        if sending is None:
+        with sending or nullcontext():
             self._send(transport, question)
-        else:
-            with sending:
-                self._send(transport, question)
         try:
             return read(transport)
         except BaseException as error:
@@ -150,10 +145,16 @@ class Conversation:
 
     def tell(self, command: bytes) -> None:
         """Send what has no reply, hence at once, even where the next reply is in doubt."""
-        self._in_turn(self._tell, command)
+        self._in_turn(lambda: self._send(self._alive(), command))
 
-    def _tell(self, command: bytes) -> None:
-        self._send(self._alive(), command)
+    def device_clear(self) -> None:
+        """GPIB's device clear, where the wire has one: what the instrument is at ends, and nothing is unread."""
+        self._in_turn(self._clear_device)
+
+    def _clear_device(self) -> None:
+        transport = self._alive()
+        if isinstance(transport, Clearable) and transport.device_clear():
+            self._unread = b""
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` unless the check question is answered by its own reply and nothing else is unread."""

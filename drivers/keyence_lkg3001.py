@@ -64,7 +64,7 @@ class Lkg3001(KeyenceController):
     def _examine(self) -> Iterator[Finding]:
         period_s = 0.01
         longest_s = self.longest_record(period_s) * period_s
-        storage = self._known_form().command(self._outputs, self.settings.samples_max, 0)
+        storage = " and ".join(self._known_form().commands(self._outputs, self.settings.samples_max, 0))
         yield from own_clock(storage, self.settings.samples_max, longest_s, self.settings.start_u_s)
 
     def channels(self) -> tuple[Channel, ...]:
@@ -97,8 +97,7 @@ class Lkg3001(KeyenceController):
             # Too many cost nothing: it is ended, and read, when the edges have come.
             fast = self._clock.speed if math.isfinite(self._clock.speed) else 1.0
             count = min(needed + math.ceil(max(fast, 1.0) * LEAD_S / cycle_s), self.settings.samples_max)
-            setup = form.command(self._outputs, count, cycle)
-            self._apply([*self._measuring_settings(), setup])
+            self._apply([*self._measuring_settings(), *form.commands(self._outputs, count, cycle)])
             # Old values must not be read as new ones.
             self._ask_when_ready("AQ", self._dialect)
             self._begun = _Begun(needed, cycle_s)
@@ -246,7 +245,8 @@ class Lkg3001(KeyenceController):
         try:
             for form in forms:
                 try:
-                    self._ask_when_ready(form.command(self._outputs, _TRIED, 0), self._dialect)
+                    for command in form.commands(self._outputs, _TRIED, 0):
+                        self._ask_when_ready(command, self._dialect)
                 except InstrumentError as error:
                     if error.code not in _REFUSALS:
                         raise

@@ -2,8 +2,11 @@
 
 The maker's header LkIF.h says what there is: a target (no output, one, both), a number, a cycle from 0 to 9, and
 status and values by output; none of its cycles is the TIMING input. How RS-232C writes it stands on pages 5-7 to 5-23
-of the LK-G series user's manual, which were not at hand: `FORMS` are the readings that are possible, in the order in
-which they are tried. *Confirm* each line of it with the manual.
+of the LK-G series user's manual, which were not at hand. Two programs for real controllers write `SW,CI` with an
+output, a number and a cycle: mecode's `KeyenceProfilometer` (github.com/jminardi/mecode: a number of five digits, a
+cycle of one) and a public C# program with an LK-G's two outputs (`AmountOfDataConfigurationCommand`: once for each
+output). Whether their first field is an output or a target they do not tell. `FORMS` are the readings that are
+possible, in the order in which they are tried. *Confirm* with the manual which yours takes.
 """
 
 from __future__ import annotations
@@ -24,37 +27,41 @@ _OUT1, _OUT2, _BOTH = frozenset({1}), frozenset({2}), frozenset({1, 2})
 
 @dataclass(frozen=True)
 class StorageForm:
-    """One reading of `SW,CF`: the number of each target, the digits of count and cycle (0: as few as go)."""
+    """One reading of `SW,CI`: the numbers that choose each target, one command for each of them.
 
-    targets: Mapping[frozenset[int], int]
+    Count and cycle have so many digits; 0: as few as go.
+    """
+
+    targets: Mapping[frozenset[int], tuple[int, ...]]
     count_digits: int
     cycle_digits: int
 
-    def command(self, outputs: frozenset[int], count: int, cycle: int) -> str:
+    def commands(self, outputs: frozenset[int], count: int, cycle: int) -> list[str]:
         """Store `count` values of `outputs`; `cycle` is a number of `CYCLES`."""
-        return f"SW,CF,{self.targets[outputs]},{count:0{self.count_digits}d},{cycle:0{self.cycle_digits}d}"
+        how_often = f"{count:0{self.count_digits}d},{cycle:0{self.cycle_digits}d}"
+        return [f"SW,CI,{number},{how_often}" for number in self.targets[outputs]]
 
 
+_TARGETS: Sequence[Mapping[frozenset[int], tuple[int, ...]]] = (
+    {_OUT1: (1,), _OUT2: (2,), _BOTH: (3,)},  # confirm: LkIF.h counts none, OUT1, OUT2, both
+    {_OUT1: (1,), _OUT2: (2,), _BOTH: (1, 2)},  # confirm: as the C# program, output by output
+    {_OUT1: (1,), _OUT2: (2,), _BOTH: (0,)},  # confirm: as M0 measures both
+    {_OUT1: (0,), _OUT2: (1,), _BOTH: (2,)},  # confirm: as LkIF.h counts outputs
+)
+_DIGITS = (
+    (5, 1),  # mecode; 65536 has five digits, cycles 0 to 9 one
+    (0, 1),  # confirm: no leading zeros (the C# program, if its user gives it less than five)
+    (7, 2),  # confirm: as the LK-G5000
+    (6, 1),  # confirm
+    (7, 1),  # confirm
+    (5, 2),  # confirm
+    (6, 2),  # confirm
+)
 FORMS: Sequence[StorageForm] = tuple(
     StorageForm(targets, count_digits, cycle_digits)
-    for targets, (count_digits, cycle_digits) in product(
-        (
-            {_OUT1: 1, _OUT2: 2, _BOTH: 3},  # confirm: LkIF.h counts none, OUT1, OUT2, both
-            {_OUT1: 1, _OUT2: 2, _BOTH: 0},  # confirm: as M0 measures both
-            {_OUT1: 0, _OUT2: 1, _BOTH: 2},  # confirm: as LkIF.h counts outputs
-        ),
-        (
-            (7, 2),  # confirm: as the LK-G5000
-            (5, 1),  # confirm: 65536 has five digits, cycles 0 to 9 one
-            (6, 1),  # confirm
-            (7, 1),  # confirm
-            (5, 2),  # confirm
-            (6, 2),  # confirm
-            (0, 1),  # confirm: no leading zeros
-        ),
-    )
+    for targets, (count_digits, cycle_digits) in product(_TARGETS, _DIGITS)
 )
-"""What may be sent as `SW,CF`."""
+"""What may be sent as `SW,CI`."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +75,8 @@ class Status:
 def status_of(output: int, reply: bytes, *, by_output: bool) -> Status:
     """What the reply to `AN,<out>`, or to `AN` where that takes no output, says of one; `ValueError` for all else.
 
-    *Confirm* which form it has: state and count, perhaps behind the output; or state and a count of each.
+    *Confirm* which form it has: state and count, perhaps behind the output; or state and a count of each (mecode asks
+    `AN`, and does not look into the reply).
     """
     fields = reply.decode("latin-1").split(",")
     if by_output and len(fields) == 3 and fields[0] == str(output):
@@ -80,7 +88,7 @@ def status_of(output: int, reply: bytes, *, by_output: bool) -> Status:
 
 
 def values_of(output: int, reply: bytes) -> bytes:
-    """The values in the reply to `AO,<out>`; *confirm* whether the output stands before them."""
+    """The values in the reply to `AO,<out>`; *confirm* whether the output stands before them (the C# program: no)."""
     whose, _, rest = reply.partition(b",")
     # A value has eight characters, an output's number one.
     return rest if whose == str(output).encode() else reply

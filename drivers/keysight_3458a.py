@@ -4,7 +4,8 @@ After the Keysight 3458A User's Guide (03458-90014) and programs that run on rea
 
 - `TARM SGL` takes all readings of a record, and the meter hears nothing until it has them (p. 91; `INBUF ON` frees
   the bus meanwhile, or GPIB adapters give up within a minute or two). So nothing is asked while it paces: `fetch`
-  waits for the end of the record. A stop is confirmed only then too: GPIB's device clear is not sent.
+  waits for the end of the record. A stop sends GPIB's device clear, where the wire has one; a meter that does not
+  heed it confirms the stop at the record's end only.
 - A reading is done `TIMER` after the one before, the first at once (p. 207). `EXTOUT ICOMP` gives an edge when the
   converter has integrated, which ends the aperture.
 - The newest reading in memory has number 1 (p. 96); in which order RMEM sends them is found out from one of them.
@@ -101,9 +102,13 @@ class Keysight3458A:
             yield ok("capability", self.settings.channel, f"{reading.value:.6g} V now")
 
     def stop(self) -> None:
-        """End the record and return when the meter answers; while it paces it does so at the record's end only."""
+        """End the record, by a device clear where the wire has one, and return when the meter answers.
+
+        Without it, or not heeding it, a meter that paces answers at the record's end only.
+        """
         self._recording = False
         with self._line.urgently():
+            self._line.device_clear()
             self._line.tell("TARM HOLD")
             # Taken up one after the other: who answers has heard the one before.
             self._line.identify()

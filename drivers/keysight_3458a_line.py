@@ -53,6 +53,10 @@ class MeterLine:
         """Connected even if it is not open, and before all others."""
         return self._conversation.urgently()
 
+    def device_clear(self) -> None:
+        """GPIB's device clear, where the wire has it: ends what the meter is at, whether or not it listens."""
+        self._conversation.device_clear()
+
     def confirm_in_step(self) -> None:
         """`OutOfStep` when the identity is not the answer to its question, or something else is unread."""
         self._conversation.confirm_in_step()

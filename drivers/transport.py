@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from rigctl.core.errors import LinkLost, LinkTimeout
 
@@ -37,6 +37,15 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """End the connection; may be called twice."""
+        ...
+
+
+@runtime_checkable
+class Clearable(Protocol):
+    """A transport that may reach an instrument past its input buffer, as GPIB's device clear does."""
+
+    def device_clear(self) -> bool:
+        """Have it drop what it does and what it has to say; False where this wire has no such thing."""
         ...
 
 

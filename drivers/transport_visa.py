@@ -108,6 +108,23 @@ class VisaTransport(BufferedTransport):
                 self._socket.shutdown(socket.SHUT_RDWR)
         self._resource.close()
 
+    def device_clear(self) -> bool:
+        """VISA's `clear`, of a session that carries messages (GPIB, USB, VXI-11, HiSLIP)."""
+        if not self._message_based():
+            return False
+        self._received.clear()
+        with self._failures("device clear failed"):
+            _set_timeout(self._resource, self._floor_s)
+            try:
+                self._resource.clear()
+            except NotImplementedError:
+                return False
+            except pyvisa.VisaIOError as error:
+                if error.error_code != constants.StatusCode.error_nonsupported_operation:
+                    raise
+                return False
+        return True
+
     def unread(self) -> bytes:
         """Take what has arrived and nobody has read; a message-based protocol drops stale messages by itself."""
         return self._take(len(self._received)) if self._message_based() else super().unread()

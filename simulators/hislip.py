@@ -229,6 +229,8 @@ class Session:
         match message.kind:
             case Kind.DEVICE_CLEAR_COMPLETE:
                 # A device clear empties both parsers; a fresh connection to the instrument is just that.
+                if (heard := getattr(self._connection, "device_clear", None)) is not None:
+                    heard()
                 self._connection.close()
                 self._connect()
                 self.synchronous.tell(Kind.DEVICE_CLEAR_ACKNOWLEDGE)

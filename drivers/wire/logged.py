@@ -12,7 +12,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from drivers.connect import serial_ways
-from drivers.transport import Connect, Transport
+from drivers.transport import Clearable, Connect, Transport
 from drivers.transport_serial import SerialSettings
 from drivers.wire import lines
 from drivers.wire.lines import Header, line_of
@@ -159,6 +159,10 @@ class LoggedTransport:
     def unread(self) -> bytes:
         """Take what has arrived and nobody has read."""
         return self._read(self._inner.unread, lines.UNASKED)
+
+    def device_clear(self) -> bool:
+        """No bytes: a replay goes on without it."""
+        return isinstance(self._inner, Clearable) and self._inner.device_clear()
 
     def close(self) -> None:
         """End the connection."""

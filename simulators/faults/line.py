@@ -136,6 +136,11 @@ class FaultyConnection:
         if not self._cut and self._inner is None:
             self._inner = instrument.connect(self._reply)
 
+    def device_clear(self) -> None:
+        """On a line of its own, past its bytes and their faults."""
+        if (heard := getattr(self._inner, "device_clear", None)) is not None:
+            heard()
+
     @property
     def hung_up(self) -> bool:
         """True once the fault or the instrument has ended the connection."""

@@ -19,7 +19,7 @@ from simulators.measured import Tap
 from simulators.wiring import Signal, TriggerLine
 
 STORAGE_CYCLES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-"""Sampling cycles between stored values, by the number that selects them (SW,CF)."""
+"""Sampling cycles between stored values, by the number that selects them (SW,CF; SW,CI)."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from simulators.clock import SimulationClock
 from simulators.keyence_lkg.controller import STORAGE_CYCLES, Command, Controller
-from simulators.keyence_lkg.dialect import Lkg3001Dialect
+from simulators.keyence_lkg.dialect import BY_OUTPUT, Lkg3001Dialect
 from simulators.keyence_lkg.faults import Fault
 from simulators.keyence_lkg.model import LkgSettings, Model, common_registers
 from simulators.keyence_lkg.registers import Field, Register, digits, exactly, switch, whole
@@ -47,7 +47,7 @@ class SimulatedLkg3001(Controller):
 
     `heads` are displacements in mm at rig times (NaN without a target), `trigger` is wired to the TIMING input, which
     its storage does not follow: it stores by its own clock. Sources: LK-G Series User's Manual, chapter 5; storage
-    cycles and targets as in the maker's header LkIF.h.
+    cycles and targets as in the maker's header LkIF.h, `SW,CI` as in mecode and a C# program.
     """
 
     def __init__(
@@ -82,9 +82,22 @@ class SimulatedLkg3001(Controller):
 
     def plan(self) -> Plan:
         """The outputs of the target, so many sampling cycles apart."""
-        target, count, cycle = (int(value) for value in self.registers.value("CF"))
-        stored = tuple(index for index in self._dialect.targets[target] if index < len(self.outputs))
+        if self._dialect.target == BY_OUTPUT:
+            chosen, count, cycle = self._chosen_by_output()
+        else:
+            target, count, cycle = (int(value) for value in self.registers.value("CI"))
+            chosen = self._dialect.targets[target]
+        stored = tuple(index for index in chosen if index < len(self.outputs))
         return Plan(count, STORAGE_CYCLES[cycle] * self.cycle_s(), stored, self._dialect.start_delay_s)
+
+    def _chosen_by_output(self) -> tuple[tuple[int, ...], int, int]:
+        """The outputs that were set up as the first of them, its count and its cycle."""
+        values = [self.registers.value("CI", output=index + 1) for index in range(MODEL.outputs)]
+        count, cycle = (int(value) for value in next((each for each in values if int(each[0])), values[0]))
+        chosen = tuple(
+            index for index, each in enumerate(values) if tuple(map(int, each)) == (count, cycle) and count
+        )
+        return chosen, count, cycle
 
     def _status(self, parameters: list[str]) -> str:
         running = str(int(self.storage.running))
@@ -145,10 +158,12 @@ class SimulatedLkg3001(Controller):
 def _storage_register(settings: Lkg3001Settings) -> Register:
     """Target, count and cycle; there is no cycle 10: the storage knows nothing of the TIMING input."""
     dialect, most = settings.dialect, settings.storage_values
-    target = digits(1, 0, len(dialect.targets) - 1)
     count: Field = exactly(dialect.count_digits, 1, most)
     cycle: Field = exactly(dialect.cycle_digits, 0, len(STORAGE_CYCLES) - 1)
-    return Register(("CF",), 0, (target, count, cycle), ("0", f"{most:0{dialect.count_digits}d}", "0"))
+    if dialect.target == BY_OUTPUT:
+        return Register(("CI",), MODEL.outputs, (count, cycle), ("0", "0"))
+    target = digits(1, 0, len(dialect.targets) - 1)
+    return Register(("CI",), 0, (target, count, cycle), ("0", f"{most:0{dialect.count_digits}d}", "0"))
 
 
 def _registers(settings: Lkg3001Settings) -> list[Register]:

@@ -1,4 +1,8 @@
-"""One client's line: commands end with CR, and each gets its reply before the next is looked at."""
+"""One client's line: commands end with CR, and each gets its reply before the next is looked at.
+
+Line feeds and empty lines are passed over: mecode, on a real LK-G, ends its lines with CR LF, some twice, and is not
+answered twice.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +59,8 @@ class Session:
             # The end of a line that was refused already.
             if self._overlong:
                 self._overlong = False
-            else:
-                self._lines.append(line)
+            elif command := line.lstrip(b"\n"):
+                self._lines.append(command)
         if len(rest) > LINE_MAX:
             # Refused at once: who never sends a CR would wait forever.
             if not self._overlong:

@@ -18,11 +18,17 @@ class Meter3458ADialect(BaseModel):
     """Are commands taken up during the readings of a TARM SGL, or after them?"""
     padded_numbers: bool = True
     """Have whole numbers a space in front, as older instruments send them?"""
+    heeds_device_clear: bool = False
+    """Does a device clear end the readings of a TARM SGL?"""
     error_numbers: Literal["bits", "hundreds"] = "hundreds"
     """ERRSTR?: the value of the register's bit, or 100 and the bit's number."""
 
 
 GENTLE = Meter3458ADialect(
-    recall_order="oldest first", hears_while_sampling=True, padded_numbers=False, error_numbers="bits"
+    recall_order="oldest first",
+    hears_while_sampling=True,
+    padded_numbers=False,
+    heeds_device_clear=True,
+    error_numbers="bits",
 )
 """The other reading of each."""

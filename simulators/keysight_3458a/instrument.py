@@ -23,7 +23,7 @@ BUFFER_LINES = 64
 class Simulated3458A:
     """A 3458A that measures `volts`; it gives `trigger_out` or hears `trigger_in`.
 
-    Not there: functions other than DC voltage, level and line triggering, subprograms, device clear.
+    Not there: functions other than DC voltage, level and line triggering, subprograms.
     """
 
     kind = "keysight-3458a"
@@ -72,6 +72,12 @@ class Simulated3458A:
             self._lines.append((line, client))
         self._go_on()
 
+    def cleared(self) -> None:
+        """A device clear: the input buffer is emptied, and what is under way ends, if the meter heeds it."""
+        self._lines.clear()
+        if self._settings.dialect.heeds_device_clear:
+            self._meter.hold()
+
     def gone(self, client: Client) -> None:
         """Forget what a client has asked."""
         self._lines = deque(entry for entry in self._lines if entry[1] is not client)
@@ -119,6 +125,12 @@ class Client:
             *lines, self._received = (self._received + data).replace(b"\r", b"\n").split(b"\n")
             for line in filter(None, lines):
                 self._meter.received(line.decode("ascii", "replace"), self)
+
+    def device_clear(self) -> None:
+        """The bus says so, past the input buffer."""
+        with self._meter.clock.lock:
+            self._received = b""
+            self._meter.cleared()
 
     def close(self) -> None:
         """The client has gone."""

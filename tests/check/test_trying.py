@@ -72,15 +72,27 @@ def test_a_controller_on_its_own_clock_needs_no_edges(file: Any) -> None:
     assert found["lasers_a", "edges"].outcome == "ok"
 
 
+ENSEMBLE = 'driver = "aerotech-ensemble"', 'axis = "X"\n'
+SOLOIST = 'driver = "aerotech-soloist"', 'unit = "mm"                        # it does not tell: look it up\n'
 CAPTURES = "integer_registers = 50010           # GlobalIntegers, raised by the operator: a record has one each\n"
 
 
-@pytest.mark.parametrize(("latency_s", "outcome"), [(0.0, "ok"), (0.004, "ok"), (0.02, "differs")])
+@pytest.mark.parametrize(
+    ("controller", "latency_s", "outcome"),
+    [
+        (ENSEMBLE, 0.0, "ok"),
+        (ENSEMBLE, 0.004, "ok"),
+        (ENSEMBLE, 0.02, "differs"),
+        (SOLOIST, 0.004, "ok"),
+        (SOLOIST, 0.02, "differs"),
+    ],
+)
 def test_the_delay_of_a_latched_position_is_found_while_the_stage_moves(
-    latency_s: float, outcome: str, file: Any
+    controller: tuple[str, str], latency_s: float, outcome: str, file: Any
 ) -> None:
     late = f"{CAPTURES}capture_latency_s = {latency_s}\n"
-    _, found = tried(file((CAPTURES, late)), trigger=True, move=True)
+    changed = file((CAPTURES, late), *zip(ENSEMBLE, controller, strict=True), of=ONE)
+    _, found = tried(changed, trigger=True, move=True)
     line = found["stage", "delay"]
     low_ms, high_ms, jitter_ms = map(float, re.findall(r"(-?[\d.e-]+)(?: to| ms after| ms at most)", line.found))
     # Nothing takes time on a virtual clock: what is left is the encoder's step and its noise, at 0.6 mm/s.

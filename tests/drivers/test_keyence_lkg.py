@@ -132,7 +132,7 @@ def found_out(target: int, *outputs: int) -> list[tuple[bytes, bytes]]:
     ended = [(question, answer.replace(b",1,0", b",0,0")) for question, answer in counts]
     return [
         (b"Q0\r", b"Q0\r"),
-        (f"SW,CF,{target},0000100,00\r".encode(), b"SW,CF\r"),
+        (f"SW,CI,{target},00100,0\r".encode(), b"SW,CI\r"),
         (b"R0\r", b"R0\r"),
         (b"AQ\r", b"AQ\r"),
         (b"AS\r", b"AS\r"),

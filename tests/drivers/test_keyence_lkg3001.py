@@ -20,9 +20,9 @@ from simulators.keyence_lkg import Lkg3001Settings, SimulatedLkg3001
 from simulators.wiring import Signal, TriggerLine
 
 SWITCHES: dict[str, list[Any]] = {
-    "target": ["out1-out2-both", "none-out1-out2-both", "both-out1-out2"],
-    "count_digits": [5, 7, 6, 0],
-    "cycle_digits": [1, 2, 0],
+    "target": ["out1-out2-both", "by-output", "both-out1-out2", "none-out1-out2-both"],
+    "count_digits": [6, 7, 5, 0],
+    "cycle_digits": [2, 1, 0],
     "status_by_output": [True, False],
     "status_repeats_output": [True, False],
     "values_repeat_output": [True, False],
@@ -120,7 +120,7 @@ def test_in_all_pairs_of_readings_it_records() -> None:
 
 def test_what_accepts_no_form_is_refused_with_the_manuals_pages() -> None:
     bench = Bench()
-    bench.changed = lambda data: b"ER,CF,22\r" if data.startswith(b"SW,CF") else data
+    bench.changed = lambda data: b"ER,CI,22\r" if data.startswith(b"SW,CI") else data
     with pytest.raises(WrongInstrument, match=r"lasers: .*manual, pages 5-7 to 5-23.*keyence_storage.py") as refused:
         bench.lasers.open()
     assert "\n" not in str(refused.value)
@@ -151,7 +151,7 @@ def test_an_output_that_was_asked_before_it_stored_is_asked_again() -> None:
 
 def test_an_error_that_says_nothing_of_the_form_ends_the_search() -> None:
     bench = Bench()
-    bench.changed = lambda data: b"ER,CF,88\r" if data.startswith((b"SW,CF", b"ER,CF")) else data
+    bench.changed = lambda data: b"ER,CI,88\r" if data.startswith((b"SW,CI", b"ER,CI")) else data
     with pytest.raises(InstrumentError, match="refused with error 88") as refused:
         bench.lasers.open()
     assert not isinstance(refused.value, WrongInstrument)

@@ -10,12 +10,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers.connect import connector
 from drivers.keysight_3458a import Keysight3458A, Meter3458ASettings, PacedMeter, PacingMeter
 from drivers.transport import Endpoint, InProcessTransport
-from rigctl.core.errors import BadReply, EdgesMissing, InstrumentError, LimitError, LinkError, WrongInstrument
+from rigctl.core.clock import RealClock
+from rigctl.core.errors import (
+    BadReply,
+    EdgesMissing,
+    InstrumentError,
+    LimitError,
+    LinkError,
+    LinkTimeout,
+    WrongInstrument,
+)
 from rigctl.core.interfaces import Instrument, PacedRecorder, PacingRecorder, Voltmeter
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.keysight_3458a import GENTLE, Meter3458ADialect, Meter3458ASimulatorSettings, Simulated3458A
+from simulators.serve import Server
 from simulators.wiring import TriggerLine
 from tests.drivers.ensemble_bench import Tap
 from tests.drivers.expected import Expected
@@ -165,6 +176,37 @@ def test_a_stop_is_answered_when_the_meter_has_ended(dialect: Meter3458ADialect)
     with pytest.raises(InstrumentError, match="nothing to collect"):
         bench.paced.collect()
     assert bench.pacing.voltage().unit == "V"
+
+
+@pytest.mark.parametrize("heeds", [True, False])
+def test_a_stop_over_visa_clears_the_device_and_is_confirmed_at_once_where_it_heeds_that(heeds: bool) -> None:
+    """HiSLIP has the device clear of GPIB: pyvisa's `clear`, to a meter that hears nothing else while it samples."""
+    clock = ScaledClock(1.0)
+    dialect = hard("hears_while_sampling", *(() if heeds else ("heeds_device_clear",)))
+    settings = Meter3458ASimulatorSettings(dialect=dialect)
+    server = Server(clock)
+    served = server.add_hislip("meter", Simulated3458A(clock, volts, None, None, settings))
+    serving = threading.Thread(target=server.serve)
+    serving.start()
+    address = f"TCPIP::127.0.0.1::hislip0,{served.port}::INSTR"
+    meter = PacingMeter("readout", Meter3458ASettings(), connector(address, RealClock()), RealClock())
+    try:
+        meter.open()
+        # An hour, of which nobody waits for the end.
+        meter.start(3600, 1.0)
+        if heeds:
+            meter.stop()
+            assert len(meter.fetch()) == 0
+            meter.confirm_in_step()
+            assert meter.voltage().unit == "V"
+        else:
+            with pytest.raises(LinkTimeout, match=r"waited 2 s"):
+                meter.stop()
+    finally:
+        meter.close()
+        server.stop()
+        serving.join(20.0)
+        server.close()
 
 
 def test_a_stop_before_it_is_open_connects_by_itself() -> None:

@@ -477,7 +477,7 @@ def test_a_head_that_is_lost_out_of_range_or_stuck(kind: str, fault: str, shown:
 def test_lasers_forget_what_they_stored_and_their_zero_without_power(kind: str) -> None:
     lasers = Lasers(kind, power_cycle={"at_s": 5.0, "lasting_s": 2.0})
     first = kind == "keyence-lkg3001"
-    zero, status, setting = ("V1", "AN,1", "SW,CF,0,00200,3") if first else ("VS,01", "AN", "SW,CF,0000020,10")
+    zero, status, setting = ("V1", "AN,1", "SW,CI,0,000200,03") if first else ("VS,01", "AN", "SW,CF,0000020,10")
     for command in ("Q0", *([] if first else ["SW,OK,01,1"]), setting, "R0"):
         lasers.ask(command)
     lasers.at(1.0).ask("AS")
