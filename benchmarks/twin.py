@@ -20,7 +20,7 @@ from rigctl.campaign.session.operator import Operator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
-from rigctl.files.rig_file import read_rig
+from rigctl.files.rig_file import RigFile, read_rig
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"
@@ -37,9 +37,9 @@ class Twin:
 
 
 @contextmanager
-def twin(seed: int) -> Iterator[Twin]:
-    """The shipped rig with another nature, homed and ready."""
-    file = read_rig(CAMPAIGNS / "isa-rig.toml")
+def twin(seed: int, file: RigFile | None = None) -> Iterator[Twin]:
+    """The shipped rig, or another one, with another nature, homed and ready."""
+    file = file or read_rig(CAMPAIGNS / "isa-rig.toml")
     with tempfile.TemporaryDirectory() as scratch, Rig(file, seed=seed) as rig:
         bench = bench_of(rig)
         with Store.create(Path(scratch) / "twin.rig.sqlite", Header("sensing-axis")) as store:

@@ -78,6 +78,15 @@ GIVEN = {"uoaf_from_coc": None, "uoaf_u_arcsec": None}
 MIRRORED = [*DIRECTIONS[:2], {**DIRECTIONS[2], "uoaf": [-0.573576, 0.0, -0.819152]}]
 
 
+def test_a_given_rotation_with_its_uncertainty_and_correlations() -> None:
+    rig = parse_rig(
+        changed(RIG, "package", uoaf_u_arcsec=[1.0, 2.0, 3.0], uoaf_correlation=[0.1, 0.2, -0.3]), Path("rig.toml")
+    )
+    assert rig.package is not None
+    expected = np.array([[1.0, 0.2, -0.9], [0.2, 4.0, 1.2], [-0.9, 1.2, 9.0]]) * np.radians(1 / 3600.0) ** 2
+    np.testing.assert_allclose(rig.package.uoaf_rotation().covariance, expected)
+
+
 def test_the_hosts_frame_may_be_measured() -> None:
     rig = parse_rig(
         changed(RIG, "package", uoaf_from_coc=None, uoaf_u_arcsec=None, uoaf_directions=DIRECTIONS), Path("rig.toml")
@@ -136,6 +145,8 @@ def test_an_unknown_key_of_a_rig_file_is_named(keys: tuple[str, ...], entry: dic
         (("package",), {"requirement_arcsec": True}, "package.requirement_arcsec: input should be a valid number"),
         (("package",), {"uoaf_from_coc": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 2.0]]}, "is no rotation matrix"),
         (("package",), {"uoaf_u_arcsec": [1.0, -1.0, 0.0]}, "package.uoaf_u_arcsec"),
+        (("package",), {"uoaf_correlation": [0.9, 0.9, -0.9]}, "cannot be correlated so"),
+        (("package",), {"uoaf_correlation": [0.0, 1.5, 0.0]}, "package.uoaf_correlation"),
         (("package",), {"uoaf_directions": DIRECTIONS}, "leave out uoaf_from_coc"),
         (("package",), {**GIVEN, "uoaf_directions": DIRECTIONS[:1]}, "along one line"),
         (("package",), {**GIVEN, "uoaf_directions": MIRRORED}, "fit no rotation"),

@@ -43,7 +43,8 @@ class FrameRotation:
         return [
             (_pointing_up(direction), float(np.sqrt(variance)))
             for variance, direction in zip(variances, directions.T, strict=True)
-            if variance > 0.0
+            # Turns that go wholly together leave others exactly known, but for rounding.
+            if variance > 1e-12 * variances[-1]
         ]
 
 

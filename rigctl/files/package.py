@@ -125,6 +125,8 @@ class MeasuredDirection(Table):
     u_arcsec: Annotated[float, Field(gt=0)]
 
 
+Correlation = Annotated[float, Field(ge=-1.0, le=1.0)]
+
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 # Of a chi-square: directions that fit worse by chance are rarer than mistakes in writing them down.
@@ -134,8 +136,8 @@ _IMPOSSIBLE = 1e-6
 class Package(Table):
     """The package: sensors, mountings, frames, requirement.
 
-    The host's frame is given by `uoaf_from_coc` with its uncertainty, three independent turns about the host's axes,
-    or by `uoaf_directions` that were measured.
+    The host's frame is given by `uoaf_from_coc` with the uncertainty of three turns about the host's axes and their
+    correlation (xy, yz, zx), or by `uoaf_directions` that were measured.
     """
 
     name: str
@@ -149,6 +151,7 @@ class Package(Table):
         IDENTITY
     )
     uoaf_u_arcsec: tuple[PositiveOrZero, PositiveOrZero, PositiveOrZero] = (0.0, 0.0, 0.0)
+    uoaf_correlation: tuple[Correlation, Correlation, Correlation] = (0.0, 0.0, 0.0)
     uoaf_directions: tuple[MeasuredDirection, ...] = ()
 
     @model_validator(mode="after")
@@ -169,10 +172,16 @@ class Package(Table):
         return self
 
     def _require_one_host_frame(self) -> None:
+        if np.linalg.eigvalsh(self._turns_correlation())[0] < -1e-9:
+            raise ValueError(
+                "uoaf_correlation: three turns cannot be correlated so; check signs and the order xy, yz, zx"
+            )
         if not self.uoaf_directions:
             return
-        if self.uoaf_from_coc != IDENTITY or any(self.uoaf_u_arcsec):
-            raise ValueError("uoaf_directions determine the host's frame; leave out uoaf_from_coc and uoaf_u_arcsec")
+        if self.uoaf_from_coc != IDENTITY or any(self.uoaf_u_arcsec) or any(self.uoaf_correlation):
+            raise ValueError(
+                "uoaf_directions determine the host's frame; leave out uoaf_from_coc, uoaf_u_arcsec, uoaf_correlation"
+            )
         lengths = [np.linalg.norm(v) for each in self.uoaf_directions for v in (each.coc, each.uoaf)]
         if not all(math.isfinite(length) and length > 0.0 for length in lengths):
             raise ValueError("uoaf_directions: a direction is zero or no number")
@@ -191,13 +200,17 @@ class Package(Table):
     def uoaf_rotation(self) -> FrameRotation:
         """R_UC with its uncertainty."""
         if not self.uoaf_directions:
-            variances = (np.asarray(self.uoaf_u_arcsec) * ARCSEC) ** 2
-            return FrameRotation(np.asarray(self.uoaf_from_coc), np.diag(variances))
+            u_rad = np.asarray(self.uoaf_u_arcsec) * ARCSEC
+            return FrameRotation(np.asarray(self.uoaf_from_coc), self._turns_correlation() * np.outer(u_rad, u_rad))
         coc, uoaf, u_arcsec = (
             np.array([getattr(each, name) for each in self.uoaf_directions], dtype=np.float64)
             for name in ("coc", "uoaf", "u_arcsec")
         )
         return rotation_between(coc, uoaf, u_arcsec * ARCSEC)
+
+    def _turns_correlation(self) -> FloatArray:
+        xy, yz, zx = self.uoaf_correlation
+        return np.array([[1.0, xy, zx], [xy, 1.0, yz], [zx, yz, 1.0]])
 
     def turntable_from_cube(self, axis: str, configuration: str) -> FloatArray:
         """Nominal M of a mounting, shape (3, 3)."""

@@ -64,9 +64,13 @@ def measured_run(
     gain_error: float = 0.0,
     noise_m_s2_rthz: float = 1e-6,
     laser_noise_m: float = 5e-8,
+    null_shift_rad: float = 0.0,
     run_id: str = "1",
 ) -> ReducedRun:
-    """One run as nature would give it: specific force along the turned and rolling axis, through the resonator."""
+    """One run as nature would give it: specific force along the turned and rolling axis, through the resonator.
+
+    Where the guide yaws the sensor answers as if the stage stood elsewhere by `null_shift_rad`, and no laser sees it.
+    """
     fs = 100.0
     t = np.arange(round(duration_s * fs)) / fs
     w = 2 * np.pi * frequency_hz
@@ -75,6 +79,7 @@ def measured_run(
     turn = Rotation.from_euler("z", theta_deg, degrees=True).as_matrix()
     mount = turn @ Rotation.from_rotvec(delta).as_matrix() @ NOMINAL[axis, configuration]
     sensing = mount @ (np.asarray(true_axis) / np.linalg.norm(true_axis))
+    sensing = Rotation.from_rotvec([0.0, 0.0, null_shift_rad]).apply(sensing)
     roll = Rotation.from_rotvec(np.outer(rho1 * x, [1.0, 0.0, 0.0])).as_matrix()
     rolled = roll @ sensing
     felt = rolled[:, 0] * (-(w**2) * x) + rolled[:, 2] * G

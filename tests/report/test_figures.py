@@ -45,7 +45,7 @@ def column(rows: list[dict[str, str]], name: str) -> list[float]:
 @pytest.fixture(scope="module")
 def written(two_axes, uncertainties, tmp_path_factory) -> Path:
     directory = tmp_path_factory.mktemp("figures") / "made" / "here"
-    paths = write_plates(*plates_of(two_axes, uncertainties), directory)
+    paths = write_plates(*plates_of(two_axes, axis_budgets(two_axes, uncertainties)), directory)
     assert sorted(paths) == sorted(directory.iterdir())
     return directory
 
@@ -219,7 +219,7 @@ def test_bars_are_the_budgets(two_axes, uncertainties, written):
 )
 def test_what_cannot_be_drawn_is_left_out_and_said(case, responses, request, uncertainties, tmp_path):
     result = request.getfixturevalue(case)
-    paths = write_plates(*plates_of(result, uncertainties), tmp_path)
+    paths = write_plates(*plates_of(result, axis_budgets(result, uncertainties)), tmp_path)
     expected = responses | {"fig12", "nulls"}
     assert {path.stem for path in paths if path.suffix == ".svg"} == expected
     said = (tmp_path / "figures.md").read_text(encoding="utf-8")
@@ -251,7 +251,7 @@ def test_a_directory_that_cannot_be_written_is_one_line(one_configuration, tmp_p
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     with pytest.raises(DataError, match="cannot write the figures there") as raised:
-        write_plates(*plates_of(one_configuration), in_the_way)
+        write_plates(*plates_of(one_configuration, {}), in_the_way)
     assert "\n" not in str(raised.value)
 
 

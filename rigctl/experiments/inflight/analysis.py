@@ -13,6 +13,7 @@ from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
 from rigctl.experiments.inflight.observe.sessions import QUADRATIC
 from rigctl.experiments.inflight.observe.store_reduction import reduction
+from rigctl.experiments.inflight.result.budget import calibration_budget
 from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence
 from rigctl.experiments.inflight.result.measurement import calibration_measured, study_measured
 from rigctl.experiments.inflight.result.monte_carlo import DRAW, Draw, tables
@@ -62,18 +63,23 @@ def analyse(workbench: Workbench) -> InflightResult:
     """A calibration fitted with its current model, or all draws of a Monte Carlo study; `DataError`."""
     draws = [Draw.from_json(document.data) for document in workbench.store.documents(DRAW)]
     if draws:
-        return InflightResult(tables(draws))
+        return InflightResult(tables(draws, workbench.store.header.constants))
     studied = workbench.study
     assert isinstance(studied, InflightStudy)
     version = workbench.current
     attempt = Attempt(studied, version.terms)
     estimates = attempt.estimates()
-    numbers = {"version": version.version, **calibration(studied, estimates)}
+    values, covariance = attempt.result.values, attempt.uncertainty.covariance
+    beyond = systematic(values, covariance, studied.source.header.constants)
+    numbers = {
+        "version": version.version,
+        **calibration(studied, estimates, beyond),
+        "budget": calibration_budget(studied, attempt).as_json(),
+    }
     test = runs_of_test(studied.source)
     numbers["remarks"] = [*numbers["remarks"], *test.left_out.values()]
     if test.runs:
-        beyond = systematic(estimates, studied.source.header.constants)
-        calibrated = calibrated_of(attempt.result.values, attempt.uncertainty.covariance, beyond)
+        calibrated = calibrated_of(values, covariance, beyond)
         level = calibrated_level(studied)
         numbers["ep"] = equivalence([run.about(level) for run in test.runs], calibrated)
     return InflightResult(numbers)

@@ -57,6 +57,14 @@ class InflightModel:
                 columns.append(baseline.shift(shared, derivative)[:, None])
         return np.hstack(columns)
 
+    def residuals(self, values: FloatArray) -> FloatArray:
+        """Data less `predict` for sets of values (m, sets), (n, sets); effects are linear about the sets' mean."""
+        shared = len(self.data.baseline.parameters)
+        middle = values.mean(axis=1)
+        _, changes = self._split(middle)
+        added = self.jacobian(middle)[:, shared:] @ (values - middle[:, None])[shared:]
+        return np.asarray(self.data.baseline.residuals(values[:shared], changes) - added)
+
     def _split(self, values: FloatArray) -> tuple[FloatArray, list[ComplexArray] | None]:
         """The baseline's values, and what the effects do to the amplitudes of all halves."""
         total: list[ComplexArray] | None = None

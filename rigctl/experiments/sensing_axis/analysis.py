@@ -12,7 +12,8 @@ from rigctl.campaign.recording import Header, RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
-from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
+from rigctl.experiments.sensing_axis.result.budget import AxisBudget, Uncertainties, axis_budgets
+from rigctl.experiments.sensing_axis.result.host_axes import host_axes, with_host_axes
 from rigctl.experiments.sensing_axis.result.measurement import axes_measured
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
@@ -35,9 +36,15 @@ def result(workbench: Workbench) -> dict[str, Any]:
     store = workbench.store
     quick = [event.data["result"] for event in store.events("once") if event.data["key"] == "quick check"]
     axes = analyse(workbench)
-    budgets = axis_budgets(axes, uncertainties_of(store.header))
-    numbers = {**axes.as_json(), "budget": {name: each.as_json() for name, each in budgets.items()}}
-    return {**numbers, "quick_check": quick[-1]} if quick else numbers
+    found = numbers(axes, axis_budgets(axes, uncertainties_of(store.header)))
+    return {**found, "quick_check": quick[-1]} if quick else found
+
+
+def numbers(axes: SensingAxisResult, budgets: Mapping[str, AxisBudget]) -> dict[str, Any]:
+    """Keys of `rigctl result --json`: the axes, in the host's frame with the covariance of their budgets."""
+    found = axes.as_json()
+    in_host = with_host_axes(found, host_axes(axes, budgets)) if budgets else found
+    return {**in_host, "budget": {name: each.as_json() for name, each in budgets.items()}}
 
 
 def measurement_result(workbench: Workbench) -> MeasurementResult:

@@ -18,8 +18,11 @@ def tables(result_json: Mapping[str, Any], reference: Mapping[str, Any]) -> list
     del reference
     if "table2" in result_json:
         missions = map(_mission_table, result_json.get("test", {}).items())
-        return [_table2(result_json), _table3(result_json["table3"]), *missions]
+        pulls = [_pulls(result_json)] if "pulls" in result_json else []
+        return [_table2(result_json), _table3(result_json["table3"]), *pulls, *missions]
     made = [calibration_table(result_json)]
+    if budget := result_json.get("budget"):
+        made += [_budget(budget, result_json["parameters"]), _correlation(budget)]
     return [*made, *equivalence_tables(result_json["ep"])] if "ep" in result_json else made
 
 
@@ -53,6 +56,53 @@ def calibration_table(result_json: Mapping[str, Any]) -> ResultTable:
     )
     columns = ["parameter", "#joint", "#systematic", "#published"]
     return ResultTable(sentence, columns, rows, marked, result_json["remarks"])
+
+
+def _budget(budget: Mapping[str, Any], parameters: Mapping[str, Any]) -> ResultTable:
+    """What each parameter's uncertainty comes to, and from what."""
+    rows = []
+    for place, name in enumerate(budget["outputs"]):
+        combined = budget["combined"][place]
+        shares = [((each["u"][place] / combined) ** 2, each) for each in budget["contributions"]]
+        largest = sorted((share for share in shares if share[0] >= 0.01), key=lambda share: -share[0])
+        rows.append(
+            [
+                name,
+                f"{number(combined, 2)} {parameters[name]['unit']}".removesuffix(" 1"),
+                number(budget["expanded_95"][place], 2),
+                ", ".join(f"{each['name']} ({each['type']}) {100.0 * share:.0f} %" for share, each in largest),
+            ]
+        )
+    sentence = (
+        "Uncertainty of the joint estimate, all contributions: combined, expanded (95 %), and parts of the variance "
+        "from 1 % on (A: statistics, B: belief)."
+    )
+    notes = [f"Monte Carlo: {budget['monte_carlo']['reason']}"]
+    return ResultTable(sentence, ["parameter", "#combined", "#expanded", "parts"], rows, notes=notes, tab="Budget")
+
+
+def _correlation(budget: Mapping[str, Any]) -> ResultTable:
+    sigma = budget["combined"]
+    short = [name.removeprefix("ac11_").split("_")[0] for name in budget["outputs"]]
+    rows = [
+        [name, *(f"{each / (sigma[i] * sigma[j]):+.2f}" for j, each in enumerate(row))]
+        for i, (name, row) in enumerate(zip(short, budget["covariance"], strict=True))
+    ]
+    return ResultTable("Correlation of the parameters", ["", *(f"#{name}" for name in short)], rows, tab="Budget")
+
+
+def _pulls(result_json: Mapping[str, Any]) -> ResultTable:
+    """Errors of a study over what each draw's budget says of them."""
+    draws, chi2 = result_json["draws"], result_json["chi2"]
+    rows = [[name, number(each["mean"], 2), number(each["rms"], 3)] for name, each in result_json["pulls"].items()]
+    sentence = (
+        f"Pulls of the joint estimate, exact truth, over {draws} calibrations: errors over the uncertainty of each "
+        f"one's budget. By chance means are 0 +- {number(draws**-0.5, 2)}, rms 1 +- {number((2 * draws) ** -0.5, 2)}."
+    )
+    spread = number((2.0 * chi2["expected"] / draws) ** 0.5, 2)
+    wanted = f"{chi2['expected']} +- {spread} expected"
+    notes = [f"chi-square of all ten with their covariance: {number(chi2['mean'], 4)}, {wanted}"]
+    return ResultTable(sentence, ["parameter", "#mean", "#rms"], rows, notes=notes)
 
 
 def equivalence_tables(ep: Mapping[str, Any]) -> list[ResultTable]:

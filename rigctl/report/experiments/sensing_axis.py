@@ -13,10 +13,11 @@ from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.effects.catalogue import chosen
-from rigctl.experiments.sensing_axis.analysis import analyse, uncertainties_of
+from rigctl.experiments.sensing_axis.analysis import analyse, numbers, uncertainties_of
 from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_mounting
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
+from rigctl.experiments.sensing_axis.result.budget import axis_budgets
 from rigctl.report.drawn import Drawn
 from rigctl.report.picture import MARKS, Line, Picture
 from rigctl.report.tables.result_table import ResultTable
@@ -41,7 +42,9 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
     shown.append(_nulls(found["nulls"], printed=not found["axes"]))
     shown += [_angles(found["angles"], reference.get("offset_deg", {}))] if found["angles"] else []
     shown += [ResultTable("", notes=notes, tab="Axes")] if notes else []
-    return [*shown, *(_budget(name, axis) for name, axis in (found.get("budget") or {}).items())]
+    shown += [_budget(name, axis) for name, axis in (found.get("budget") or {}).items()]
+    host = found.get("host") or {"axes": []}
+    return [*shown, *([_correlation(host)] if len(host["axes"]) > 1 else [])]
 
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
@@ -56,11 +59,11 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
     try:
         axes = analyse(workbench)
         recorded = time_series_plate(store, representative(axes.fit.model.runs))
-        plates, left_out = plates_of(axes, uncertainties_of(store.header))
+        budgets = axis_budgets(axes, uncertainties_of(store.header))
+        plates, left_out = plates_of(axes, budgets)
     except (ProcedureError, DataError) as error:
         return Drawn(spectra=spectra, left_out={"figures of the sensing axes": str(error)})
-    numbers = axes.as_json()
-    return Drawn(numbers, [recorded, *plates], spectra, left_out)
+    return Drawn(numbers(axes, budgets), [recorded, *plates], spectra, left_out)
 
 
 def pictures(workbench: Workbench) -> list[Picture]:
@@ -174,7 +177,7 @@ def _host(axes: Mapping[str, Any], budgets: Mapping[str, Any]) -> ResultTable:
         expanded = f"{max(budgets[name]['expanded_95_arcsec']):.2f}" if name in budgets else ""
         rows.append([name, *_components(axis["uoaf"]), expanded, "pass" if axis["pass"] else "FAIL"])
         rows.append([" ±σ", *(f"{max(axis['uoaf_covariance'][i][i], 0.0) ** 0.5:.1e}" for i in range(3)), "", ""])
-    note = "±σ: scatter and rotation into the frame; U95: expanded uncertainty of the budget, its larger component"
+    note = "±σ: by the budget; U95: its expanded uncertainty, of the larger component"
     columns = ["axis", "#x", "#y", "#z", "#U95 / arcsec", "verdict"]
     marked = [row[-1] == "FAIL" for row in rows]
     notes = [note] if budgets else ["±σ: scatter and rotation into the frame; `rigctl result` has the budget"]
@@ -243,6 +246,17 @@ def _budget(name: str, axis: Mapping[str, Any]) -> ResultTable:
     return ResultTable(
         f"Uncertainty of axis {name} in the host's frame / arcsec", columns, rows, marked, notes, "Budget"
     )
+
+
+def _correlation(host: Mapping[str, Any]) -> ResultTable:
+    """How the components of the budgets go together."""
+    components = [f"{axis} {place}" for axis in host["axes"] for place in (1, 2)]
+    rows = [
+        [name, *(f"{each:+.3f}" for each in row)]
+        for name, row in zip(components, host["component_correlation"], strict=True)
+    ]
+    columns = ["component", *(f"#{name}" for name in components)]
+    return ResultTable("Correlation of the components, all axes", columns, rows, tab="Budget")
 
 
 def _arcsec(components: Sequence[float]) -> list[str]:

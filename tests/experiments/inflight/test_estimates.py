@@ -10,6 +10,7 @@ from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.series import stretch_amplitudes
 from rigctl.experiments.inflight.observe.sessions import Line, session_of
 from rigctl.experiments.inflight.observe.weights import level_weights, weights
+from rigctl.experiments.inflight.result.unseen import unseen
 
 NOISE, KNEE_HZ = 1.2e-12, 0.0
 TOLERANCE = np.array([1e-9, 1e-9, 1e-9, 3e-6, 3e-6, 2e-7, 1e-8, 1e-8, 1.0, 1.0])
@@ -92,6 +93,16 @@ def test_a_trackers_bias_and_the_coupling_move_a_c12_and_a_c13_by_what_is_stated
     for found in (paper.values, joint.values):
         assert found[3] - exact["ac12_rad"] == pytest.approx(-s_z - eta_z, abs=1.5e-5)
         assert found[4] - exact["ac13_rad"] == pytest.approx(s_y - 0.5 * eta_y, abs=1.5e-5)
+        moved = _moved(joint, np.array([s_y, s_z, eta_y, eta_z]))
+        # Up to 2 nm.
+        assert found[:3] - [exact[name] for name in NAMES[:3]] == pytest.approx(moved[:3], abs=1e-10)
+
+
+def _moved(joint, angles):
+    """What the budget says of these angles."""
+    ten = slice(len(NAMES))
+    stated = unseen(joint.values[ten], joint.covariance[ten, ten], {})
+    return sum(each.effect * angle for each, angle in zip(stated, angles, strict=True))
 
 
 def test_with_noise_errors_are_as_large_as_sigma_says(flight):

@@ -1,15 +1,20 @@
 """A recording of sessions on the workbench: adequate when nothing is hidden, named when something is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from rigctl.analysis.least_squares import least_squares
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import effect
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.model.residual_samples import steadiness
-from rigctl.experiments.inflight.result.result import calibration
+from rigctl.experiments.inflight.result.budget import calibration_budget, refitted
+from rigctl.experiments.inflight.result.result import calibration, systematic
+from rigctl.experiments.inflight.result.unseen import unseen_covariance
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.account import account_of
@@ -74,8 +79,14 @@ def test_with_nothing_hidden_the_baseline_is_adequate(flight, plain):
     assert "no temperature is recorded" in said["not_testable"]["thermal-bias"]
 
 
-def test_the_result_has_both_estimates_and_what_no_session_sees(flight, plain):
-    found = calibration(plain, parameters_of(plain, ()))
+@pytest.fixture(scope="module")
+def attempt(plain):
+    return Attempt(plain, ())
+
+
+def test_the_result_has_both_estimates_and_what_no_session_sees(flight, plain, attempt):
+    beyond = systematic(attempt.result.values, attempt.uncertainty.covariance, {})
+    found = calibration(plain, parameters_of(plain, ()), beyond)
     assert list(found["parameters"]) == list(NAMES)
     assert found["remarks"] == []
     assert 2 <= found["sweeps"] <= 5
@@ -83,10 +94,56 @@ def test_the_result_has_both_estimates_and_what_no_session_sees(flight, plain):
         assert abs(each["paper"]["value"] - truth) < 4.0 * each["paper"]["sigma"]
         assert each["joint"]["sigma"] < 1.05 * each["paper"]["sigma"]
         assert (each["value"], each["sigma"]) == (each["joint"]["value"], each["joint"]["sigma"])
-    dx, dz = (abs(found["parameters"][f"ac11_{axis}_m"]["value"]) for axis in ("dx", "dz"))
-    assert found["parameters"]["ac11_dx_m"]["systematic"] == pytest.approx(2e-4 * dz)
-    assert found["parameters"]["ac11_dz_m"]["systematic"] == pytest.approx(2e-4 * dx)
-    assert found["parameters"]["ac12_rad"]["systematic"] == pytest.approx(np.hypot(1e-4, 1e-4 / np.sqrt(3)))
+    dx, dy, dz = (found["parameters"][f"ac11_{axis}_m"]["value"] for axis in ("dx", "dy", "dz"))
+    s_rad, eta_rad = 1e-4, 1e-4 / np.sqrt(3.0)
+    for name, parts in {
+        "ac12_rad": (s_rad, eta_rad),
+        "ac13_rad": (s_rad, 0.5 * eta_rad),
+        "ac11_dx_m": (s_rad * dz, s_rad * dy, 0.5 * eta_rad * dz),
+        "ac11_dy_m": (0.95 * s_rad * dx, 0.95 * eta_rad * dx),
+        "ac11_dz_m": (s_rad * dx, 0.5 * eta_rad * dx),
+    }.items():
+        told = found["parameters"][name]
+        # A hundredth of sigma: sessions help each other a little.
+        assert told["systematic"] == pytest.approx(np.linalg.norm(parts), rel=0.02, abs=1e-2 * told["sigma"]), name
+
+
+def test_the_budget_tells_each_sessions_noise_apart_and_adds_up_to_the_fit(flight, plain, attempt):
+    budget = calibration_budget(plain, attempt)
+    assert all(budget.check.validated), budget.check.reason
+    fitted = attempt.uncertainty.covariance[:10, :10]
+    beyond = unseen_covariance(attempt.result.values[:10], fitted, {})
+    size = np.sqrt(np.diag(fitted + beyond))
+    np.testing.assert_allclose((budget.covariance - fitted - beyond) / np.outer(size, size), 0.0, atol=1e-6)
+    rows = {group.name: u for group, u in budget.rows().items()}
+    assert {f"noise of {name}" for name in flight.SESSIONS} < set(rows)
+    for session, name in (("dy", "ac11_dy_m"), ("ac12", "ac12_rad"), ("ad12", "ad12_rad"), ("ad13", "ad13_rad")):
+        assert rows[f"noise of {session}"][NAMES.index(name)] > 0.9 * np.sqrt(fitted.diagonal()[NAMES.index(name)])
+    assert budget.as_json()["contributions"][0]["type"] == "A"
+    assert budget.first.expanded == pytest.approx(1.96 * budget.first.standard_uncertainty, rel=1e-3)
+
+
+def test_a_monte_carlo_of_the_calibration_is_the_fit_of_each_draw(flight, plain, attempt):
+    """Data drawn anew and fitted as the recording is, against the step that the budget's Monte Carlo takes."""
+    model, rng = attempt.model, np.random.default_rng(5)
+    gain = attempt.uncertainty.covariance @ attempt.jacobian.T
+    data = len(attempt.result.residuals)
+    for _ in range(3):
+        drawn = np.concatenate([rng.standard_normal(data), np.zeros(gain.shape[1] - data)])
+        fitted = attempt.result.values[:, None]
+        stepped = refitted(model, attempt, gain, drawn[:, None])[:, 0]
+
+        def whitened(values, drawn=drawn):
+            return (model.observations.value - model.predict(values)) / attempt.noise.sigma + drawn[:data]
+
+        exact = least_squares(
+            whitened,
+            [replace(each, start=float(at)) for each, at in zip(model.parameters, fitted[:, 0], strict=True)],
+            jacobian=lambda values: -model.jacobian(values) / attempt.noise.sigma[:, None],
+            rcond=1e-12,
+        )
+        sigma = np.sqrt(np.diag(exact.covariance))[:10]
+        np.testing.assert_allclose((stepped - exact.values)[:10] / sigma, 0.0, atol=0.02)
 
 
 def warm(_, t_s, out):
@@ -244,7 +301,7 @@ def test_short_and_broken_sessions_are_left_out_with_a_reason(flight):
     study.data.reduced  # noqa: B018
     assert study.left_out["dz"].startswith("run dz: 3.36 orbits are too short to tell its lines apart")
     assert study.left_out["dy"] == "run dy: column t_xy is missing; add it"
-    found = calibration(study, parameters_of(study, ()))
+    found = calibration(study, parameters_of(study, ()), {})
     assert found["parameters"]["ac11_dz_m"]["paper"] is None
     assert found["parameters"]["ac11_dx_m"]["paper"] is not None
     assert any(remark.startswith("no run for ac11_dy_m, ac11_dz_m") for remark in found["remarks"])
@@ -302,7 +359,7 @@ def test_an_attitude_that_the_hybrid_filter_misses_does_not_move_dy(flight):
         return {**columns, **missed, "att_z": seen[2]}, conditions
 
     study = InflightStudy(recording(flight, sky=flight.Sky(), spoil=hybrid))
-    found = calibration(study, parameters_of(study, ()))["parameters"]["ac11_dy_m"]
+    found = calibration(study, parameters_of(study, ()), {})["parameters"]["ac11_dy_m"]
     assert found["value"] == pytest.approx(exact(flight)[1], abs=1.5e-9)
     assert found["paper"]["value"] == pytest.approx(exact(flight)[1], abs=4e-9)
 

@@ -1,5 +1,8 @@
 """The study's tables: the paper's rows multiplied out, and our errors as it counts them."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,6 +57,27 @@ def test_errors_are_counted_by_estimate_and_truth():
     assert found["table3"]["total_mean_m_s2"] == pytest.approx(sum(means))
     totals = [each["worst_m_s2"] for each in found["table3"]["rows"].values()]
     assert found["table3"]["total_worst_m_s2"] == pytest.approx(sum(totals))
+
+
+def test_pulls_of_a_study_are_by_the_covariance_of_each_draw():
+    rng = np.random.default_rng(3)
+    objectives = np.array([published().rows[name].objective for name in NAMES])
+    mixing = 0.3 * rng.standard_normal((10, 10)) + np.eye(10)
+    covariance = np.outer(objectives, objectives) * (mixing @ mixing.T)
+    draws = []
+    for number in range(400):
+        truth = dict(zip(NAMES, objectives * (mixing @ rng.standard_normal(10)), strict=True))
+        one = drawn(number, 0.0, 0.0)
+        draws.append(replace(one, truths={**one.truths, "exact_truth": truth}, covariance=covariance.tolist()))
+    straight = {"tracker_bias_rad": 0.0, "coupling_rad": 0.0}
+    found = tables([Draw.from_json(draw.as_json()) for draw in draws], straight)
+    # Three standard deviations of 400 draws, of ten numbers.
+    assert all(abs(each["mean"]) < 3.5 / 20.0 for each in found["pulls"].values())
+    assert all(abs(each["rms"] - 1.0) < 3.5 / math.sqrt(800.0) for each in found["pulls"].values())
+    assert found["chi2"]["mean"] == pytest.approx(10.0, abs=3.5 * math.sqrt(20.0 / 400.0))
+    # A tracker that may be off makes more of the same errors likely.
+    assert tables(draws)["pulls"]["ac12_rad"]["rms"] < found["pulls"]["ac12_rad"]["rms"]
+    assert "pulls" not in tables([drawn(0, 1.0, 1.0)])
 
 
 def test_the_papers_errors_give_the_papers_totals():

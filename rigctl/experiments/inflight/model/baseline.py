@@ -152,6 +152,25 @@ class Baseline:
         """
         return self.shift(values, self._unchanged(changes))
 
+    def residuals(self, values: FloatArray, changes: Sequence[ComplexArray] | None = None) -> FloatArray:
+        """`residual` for many sets of values, (parameters, sets); shape (data, sets)."""
+        made = []
+        for each, table in zip(self.stretches, self._unchanged(changes), strict=True):
+            equation = table[each.compared] @ coefficients(each.session, each.amplitudes, values[:SHARED])
+            if not each.has_own:
+                made.append(each.parts(equation))
+                continue
+            force = _own(each, table) @ own_force(each.session)
+            inverse = values[self._gain_of[each.run_id]]
+            made.append(each.parts(equation, self._own_measured(each, table)[:, None] * inverse - force[:, None]))
+        return np.vstack(made)
+
+    @property
+    def sessions(self) -> list[str]:
+        """The session of each datum."""
+        counts = [2 * len(each.compared) + 2 * each.has_own for each in self.stretches]
+        return [each.session.name for each, count in zip(self.stretches, counts, strict=True) for _ in range(count)]
+
     def shift(self, values: FloatArray, changes: Sequence[ComplexArray]) -> FloatArray:
         """What changes of the measured amplitudes, (lines, series) per stretch, do to `residual`; shape (data,)."""
         return np.concatenate(

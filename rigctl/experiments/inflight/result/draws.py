@@ -199,6 +199,7 @@ def estimated(
         {"paper": _named(paper.sigmas), "joint": {name: joint.sigma(name) for name in NAMES}},
         truths,
         tested(tests, calibrated, level, truths["exact_truth"]) if tests else {},
+        joint.covariance[: len(NAMES), : len(NAMES)].tolist(),
     )
 
 

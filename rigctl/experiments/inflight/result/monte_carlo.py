@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.model.parameters import NAMES, UNITS
 from rigctl.experiments.inflight.result.missions import summary
 from rigctl.experiments.inflight.result.published import published
+from rigctl.experiments.inflight.result.unseen import unseen_covariance
 
 DRAW = "calibration-draw"
 """Kind of the documents that hold one draw each: see `Draw.as_json`."""
 
-_KEPT = ("estimates", "sigmas", "truths", "tests")
+_KEPT = ("estimates", "sigmas", "truths", "tests", "covariance")
 ESTIMATES, TRUTHS = ("paper", "joint"), ("paper_truth", "exact_truth")
 
 
@@ -34,6 +36,8 @@ class Draw:
     truths: Mapping[str, Mapping[str, float]]
     tests: Mapping[str, Any] = field(default_factory=dict)
     """By session of the test, as `missions.tested` says."""
+    covariance: Sequence[Sequence[float]] = ()
+    """Of the joint estimate, by noise, (10, 10); none in studies of before it was kept."""
 
     def as_json(self) -> dict[str, Any]:
         """As a store keeps it."""
@@ -43,13 +47,16 @@ class Draw:
     def from_json(cls, data: Mapping[str, Any]) -> Draw:
         """The draw that `as_json` wrote; `DataError` when something is missing."""
         try:
-            return cls(int(data["draw"]), data["estimates"], data["sigmas"], data["truths"], data.get("tests", {}))
+            told = (data["estimates"], data["sigmas"], data["truths"])
+            return cls(int(data["draw"]), *told, data.get("tests", {}), data.get("covariance", ()))
         except KeyError as error:
             raise DataError(f"a draw of the study has no {error.args[0]}; run it again") from error
 
 
-def tables(draws: Sequence[Draw]) -> dict[str, Any]:
+def tables(draws: Sequence[Draw], constants: Mapping[str, float] = MappingProxyType({})) -> dict[str, Any]:
     """Keys of `rigctl result --json` for a Monte Carlo study; `DataError` without draws.
+
+    `constants` of the recording may say how well the star tracker stands.
 
     Errors are |estimate - truth|: their worst, mean and standard deviation. `analytic_sigma` beside each row is the
     mean of the estimates' own sigmas, `rms` the root mean square of the joint and the paper's errors.
@@ -83,7 +90,36 @@ def tables(draws: Sequence[Draw]) -> dict[str, Any]:
             for place, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
         },
         "table3": budget(errors["paper", "paper_truth"]),
+        **_pulls(draws, constants),
         **_tests(draws),
+    }
+
+
+def _pulls(draws: Sequence[Draw], constants: Mapping[str, float]) -> dict[str, Any]:
+    """Keys `pulls` and `chi2`: errors of the joint estimate, exact truth, by the budget of each draw.
+
+    `chi2` is that of the ten errors with their covariance: 10 in the mean where the correlations are right too.
+    """
+    if not all(draw.covariance for draw in draws):
+        return {}
+    estimates = _values(draws, "estimates", "joint")
+    errors = estimates - _values(draws, "truths", "exact_truth")
+    covariances = np.array([draw.covariance for draw in draws])
+    covariances += [
+        unseen_covariance(values, covariance, constants)
+        for values, covariance in zip(estimates, covariances, strict=True)
+    ]
+    sigmas = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    pulls = errors / sigmas
+    # Scaled: sizes of the parameters are twelve powers of ten apart.
+    correlations = covariances / (sigmas[:, :, None] * sigmas[:, None, :])
+    chi2 = np.einsum("di,di->d", pulls, np.linalg.solve(correlations, pulls[:, :, None])[:, :, 0])
+    return {
+        "pulls": {
+            name: {"mean": float(np.mean(each)), "rms": float(np.sqrt(np.mean(each**2)))}
+            for name, each in zip(NAMES, pulls.T, strict=True)
+        },
+        "chi2": {"mean": float(np.mean(chi2)), "expected": len(NAMES)},
     }
 
 

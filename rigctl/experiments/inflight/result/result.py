@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.paper import PaperEstimate, paper_estimate
 from rigctl.experiments.inflight.model.parameters import NAMES, UNITS
+from rigctl.experiments.inflight.result.unseen import unseen_covariance
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.findings import Estimate
 
-TRACKER_BIAS_RAD = 1e-4
-COUPLING_RAD = 1e-4 / math.sqrt(3.0)
-"""Standard uncertainties of the star tracker's alignment and of the sensors' coupling angles, unless recorded."""
 
-
-def calibration(study: InflightStudy, joint: Mapping[str, Estimate]) -> dict[str, Any]:
-    """Keys of `rigctl result --json`; `joint` are parameters by name, as the study's model was fitted."""
+def calibration(study: InflightStudy, joint: Mapping[str, Estimate], beyond: Mapping[str, float]) -> dict[str, Any]:
+    """Keys of `rigctl result --json`; `joint` are parameters by name, as the study's model was fitted, `beyond` what
+    no session sees."""
     paper = paper_estimate(study.data.observed.fitted_runs())
-    beyond = systematic(joint, study.source.header.constants)
     remarks = [f"run {run.run_id}: {remark}" for run in study.data.reduced.runs for remark in run.remarks]
     return {
         "parameters": {
@@ -40,19 +37,13 @@ def calibration(study: InflightStudy, joint: Mapping[str, Estimate]) -> dict[str
     }
 
 
-def systematic(joint: Mapping[str, Estimate], constants: Mapping[str, float]) -> dict[str, float]:
-    """What no session sees, as standard uncertainties: the star tracker's alignment s and the coupling eta.
-
-    a_c12 is off by -s_z - eta_z, a_c13 by s_y - eta_y / 2, Dx and Dz by 2 s_y times the other.
-    """
-    s = float(constants.get("tracker_bias_rad", TRACKER_BIAS_RAD))
-    eta = float(constants.get("coupling_rad", COUPLING_RAD))
-    return {
-        "ac11_dx_m": 2.0 * s * abs(joint["ac11_dz_m"].value),
-        "ac11_dz_m": 2.0 * s * abs(joint["ac11_dx_m"].value),
-        "ac12_rad": math.hypot(s, eta),
-        "ac13_rad": math.hypot(s, 0.5 * eta),
-    }
+def systematic(values: FloatArray, covariance: FloatArray, constants: Mapping[str, float]) -> dict[str, float]:
+    """What no session sees, as standard uncertainties of the parameters that it moves; of a fit of the baseline."""
+    ten = slice(len(NAMES))
+    sigma = np.sqrt(np.diag(unseen_covariance(values[ten], covariance[ten, ten], constants)))
+    # Others follow by rounding only.
+    moved = dict(zip(NAMES, sigma.tolist(), strict=True))
+    return {name: moved[name] for name in ("ac11_dx_m", "ac11_dy_m", "ac11_dz_m", "ac12_rad", "ac13_rad")}
 
 
 def _of(paper: PaperEstimate, name: str) -> dict[str, float] | None:

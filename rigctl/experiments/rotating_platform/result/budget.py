@@ -46,21 +46,31 @@ class PlatformBudget:
         return {
             "outputs": list(first.outputs),
             "values": first.values.tolist(),
-            "contributions": [
-                {
-                    "name": each.name,
-                    "type": each.type,
-                    "input": f"{each.standard_uncertainty:.3g} {each.unit}",
-                    "source": each.source,
-                    "u": np.abs(first.components[:, i]).tolist(),
-                }
-                for i, each in enumerate(first.contributions)
-            ],
+            "contributions": [self._noise_row(), *self._other_rows()],
             "combined": first.standard_uncertainty.tolist(),
             "expanded_95": first.expanded.tolist(),
             "covariance": self.covariance.tolist(),
             "monte_carlo": {"validated": all(self.check.validated), "reason": self.check.reason},
         }
+
+    def _noise_row(self) -> dict[str, Any]:
+        """The fit's noise: its directions are independent only taken together."""
+        directions = [each.name in _directions() for each in self.first.contributions]
+        u = np.linalg.norm(self.first.components[:, directions], axis=1)
+        return {"name": "noise of the fit", "type": "A", "input": "", "source": "fit of all runs", "u": u.tolist()}
+
+    def _other_rows(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "name": each.name,
+                "type": each.type,
+                "input": f"{each.standard_uncertainty:.3g} {each.unit}",
+                "source": each.source,
+                "u": np.abs(self.first.components[:, i]).tolist(),
+            }
+            for i, each in enumerate(self.first.contributions)
+            if each.name not in _directions()
+        ]
 
 
 def platform_budget(

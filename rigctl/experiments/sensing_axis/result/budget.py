@@ -23,6 +23,7 @@ from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.observables import Amplitudes, RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
 from rigctl.experiments.sensing_axis.result.host_turns import host_turns
+from rigctl.experiments.sensing_axis.result.included import Included, included_of
 from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult
 
 Uncertainties = Mapping[str, Mapping[str, float]]
@@ -38,18 +39,11 @@ MM_PER_M = 1e3
 
 
 @dataclass(frozen=True)
-class Included:
-    """A part of the measured scatter, as one mounting has it [rad, 1 sigma out of the plane]."""
-
-    name: str
-    rad: float
-
-
-@dataclass(frozen=True)
 class AxisBudget:
     """The budget of one axis in the host's frame, into which `host` takes it.
 
-    `basis` (2, 3) are the directions of its two components in the cube's frame, perpendicular to the axis.
+    `basis` (2, 3) are the directions of its two components in the cube's frame, perpendicular to the axis; `common`
+    names the contributions that move all axes together.
     """
 
     axis: str
@@ -58,6 +52,12 @@ class AxisBudget:
     budget: Budget
     included: tuple[Included, ...]
     check: Comparison
+    common: frozenset[str] = frozenset()
+
+    @property
+    def basis_uoaf(self) -> FloatArray:
+        """The directions of the two components in the host's frame, (2, 3)."""
+        return np.asarray(self.basis @ self.host.matrix.T)
 
     def as_json(self) -> dict[str, Any]:
         """Contributions in arcsec, 1 sigma."""
@@ -78,17 +78,21 @@ class AxisBudget:
             "combined_arcsec": (first.standard_uncertainty / ARCSEC).tolist(),
             "expanded_95_arcsec": (first.expanded / ARCSEC).tolist(),
             "basis_coc": self.basis.tolist(),
-            "basis_uoaf": (self.basis @ self.host.matrix.T).tolist(),
+            "basis_uoaf": self.basis_uoaf.tolist(),
             "monte_carlo": {"validated": all(self.check.validated), "reason": self.check.reason},
         }
 
 
 @dataclass(frozen=True)
 class _Input:
-    """A quantity and what one unit of it does to every vector of the axis, shape (vectors, 3)."""
+    """A quantity and what one unit of it does to every vector of the axis, shape (vectors, 3).
+
+    Scatter and what is fitted to the axis' own runs is its own; certificates and the guide's roll all axes share.
+    """
 
     contribution: Contribution
     effect: FloatArray
+    own: bool = False
 
 
 def axis_budgets(result: SensingAxisResult, uncertainties: Uncertainties) -> dict[str, AxisBudget]:
@@ -118,9 +122,9 @@ def _axis_budget(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainti
     contributions = [*(each.contribution for each in inputs), *(each for each, _ in turns)]
     first = budget(measurement, contributions, OUTPUTS)
     drawn = monte_carlo(measurement, contributions, OUTPUTS, draws=MONTE_CARLO_DRAWS, seed=1)
-    return AxisBudget(
-        axis.name, axis.host, basis, first, tuple(_included(axis, uncertainties)), compare(first, drawn)
-    )
+    included = included_of(axis, uncertainties)
+    common = frozenset([*(each.contribution.name for each in inputs if not each.own), *of_turn])
+    return AxisBudget(axis.name, axis.host, basis, first, included, compare(first, drawn), common)
 
 
 def _basis(axis: AxisResult) -> FloatArray:
@@ -153,6 +157,7 @@ def _scatter(axis: AxisResult) -> list[_Input]:
                 ),
                 # All vectors of a configuration move out of the plane together: their mean is what is uncertain.
                 members[:, None] * normal,
+                own=True,
             )
         )
     return inputs
@@ -211,7 +216,8 @@ def _timing(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -
     for name in (ACCEL, *fit.model.heads):
         contribution = _clock_of(name, fit.model) or _latency_of(name, uncertainties)
         if contribution is not None:
-            inputs.append(_Input(contribution, _response(axis, fit, partial(_delayed, fit.model, name))))
+            effect = _response(axis, fit, partial(_delayed, fit.model, name))
+            inputs.append(_Input(contribution, effect, own=contribution.type == "A"))
     return inputs
 
 
@@ -280,7 +286,9 @@ def _corrections(axis: AxisResult, fit: RecordingFit) -> list[_Input]:
         effect = np.array([fit.vector_slopes(null) @ moved for null in axis.nulls])
         source = "covariance of the fit"
         unit = fit.model.units[index]
-        inputs.append(_Input(Contribution(wording, 0.0, u, unit, type="A", source=source), effect))
+        inputs.append(
+            _Input(Contribution(wording, 0.0, u, unit, type="A", source=source), effect, own=f"[{axis.name}," in name)
+        )
     return inputs
 
 
@@ -320,18 +328,3 @@ def _gravity(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) 
 
     # Exactly linear: the step may be large beside rounding.
     return [_Input(contribution, _response(axis, fit, changed, step=1e-2))]
-
-
-def _included(axis: AxisResult, uncertainties: Uncertainties) -> list[Included]:
-    """Parts of the scatter that are known by themselves."""
-    normal = axis.plane.normal
-    covariances = [null.vector_covariance for null in axis.nulls if null.vector_covariance is not None]
-    fitted = np.sqrt(np.mean([normal @ covariance @ normal for covariance in covariances]))
-    nulls = np.sqrt(np.mean([null.theta0_sigma_rad**2 for null in axis.nulls]))
-    # Uniform within a step.
-    resolution = uncertainties.get("rotation", {}).get("resolution_arcsec", 0.0) * ARCSEC / math.sqrt(12.0)
-    return [
-        Included("null search (noise of the accelerometer)", float(nulls)),
-        Included("null search and lasers together", float(fitted)),
-        Included("resolution of the rotation stage", resolution),
-    ]

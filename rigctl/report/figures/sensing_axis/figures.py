@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
+from rigctl.experiments.sensing_axis.result.budget import AxisBudget
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
@@ -16,13 +17,13 @@ PLANE_FIGURES = {"X": "fig15", "Y": "fig16", "Z": "fig17"}
 
 
 def plates_of(
-    result: SensingAxisResult, uncertainties: Uncertainties | None = None
+    result: SensingAxisResult, budgets: Mapping[str, AxisBudget]
 ) -> tuple[list[Plate[Any]], dict[str, str]]:
     """Every figure the result allows, and why what is left out is."""
     plates = [*_response_plates(result), *_plane_plates(result), nulls_plate(result.fit.nulls())]
     left_out = {f"plane of axis {name}": reason for name, reason in result.missing.items()}
-    if result.axes:
-        plates.append(budget_plate(axis_budgets(result, uncertainties or {})))
+    if budgets:
+        plates.append(budget_plate(budgets))
     else:
         left_out["budget"] = "no axis was found, so there is nothing to budget"
     return plates, left_out
