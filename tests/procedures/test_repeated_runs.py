@@ -18,7 +18,7 @@ DURING_S = 1048.0
 FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
     "the meter does not answer": ("accelerometer", {"silent": {"nth": [12]}}),
     "the stage falls silent while its capture is read": ("stage", {"silent": {"nth": [300]}}),
-    "a laser controller does not answer": ("lasers_a", {"silent": {"nth": [90]}}),
+    "a laser controller does not answer": ("lasers_a", {"silent": {"nth": [70]}}),
     "the stage loses its power while it oscillates": (
         "stage",
         {"power_cycle": {"at_s": DURING_S, "lasting_s": 30.0}},

@@ -77,10 +77,12 @@ class Pages(Vertical, can_focus=True):
         for page in self._pages:
             if page not in stay:
                 await page.remove()
+        # Keys come while pages are mounted: what is active is always one of them.
         self._pages = [*pages, *stay]
-        await self.mount_all(pages, after=self._names)
         ids = [page.id for page in self._pages]
-        self.show(self.active if self.active in ids else str(ids[0]))
+        self.active = self.active if self.active in ids else str(ids[0])
+        await self.mount_all(pages, after=self._names)
+        self.show(self.active)
 
     def _line(self) -> Text:
         line = Text()
