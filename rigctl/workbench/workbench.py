@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 ALPHA = 0.01
 
+SAME = 1e-9
+"""Of chi-square: fits that differ by less differ by their rounding."""
+
 RUNG = (
     "chi2_per_dof",
     "error_fit",
@@ -120,13 +123,25 @@ class Workbench:
         return found
 
     def attempt(self, version: ModelVersion) -> Attempt:
-        """A version fitted, once: the runs of a workbench are those it found."""
+        """A version fitted, once: the runs of a workbench are those it found. It fits no worse than its parent."""
         account = self.account()
         if version.version not in self._attempts:
-            self._attempts[version.version] = account.attempt(
-                self.study, version.terms, version.start, versions.still_held(self.store, version)
-            )
+            held = versions.still_held(self.store, version)
+            made = account.attempt(self.study, version.terms, version.start, held)
+            parent = self._nested_parent(version)
+            if parent is not None and made.result.chi2 > parent.result.chi2 * (1.0 + SAME):
+                # From where it was promised, beside other terms, the way led to a minimum of another kind.
+                made = account.attempt(self.study, version.terms, parent.values, held)
+            self._attempts[version.version] = made
         return self._attempts[version.version]
+
+    def _nested_parent(self, version: ModelVersion) -> Attempt | None:
+        """The fit of the version it was made from; None where that has other terms besides, or cannot be fitted."""
+        if version.parent is None:
+            return None
+        parent = versions.versions(self.store)[version.parent - 1]
+        nested = all(term in version.terms for term in parent.terms)
+        return self._attempt_if_fit(parent) if nested and parent.can_be_used_with(self.plugin_files) else None
 
     def _optimum(self, version: ModelVersion) -> Optimum:
         """Where a version is likeliest; no less likely than any version with some of its terms."""
@@ -153,10 +168,7 @@ class Workbench:
         """What speaks against a version's fit: a promise that is not kept, runs held out that it predicts worse."""
         from rigctl.workbench.verdict.promise import warnings
 
-        parent = None
-        if version.added is not None and version.parent is not None:
-            earlier = versions.versions(self.store)[version.parent - 1]
-            parent = self._attempt_if_fit(earlier) if earlier.can_be_used_with(self.plugin_files) else None
+        parent = None if version.added is None else self._nested_parent(version)
         return warnings(self.attempt(version), parent, version.start)
 
     def _usable_versions(self) -> list[ModelVersion]:
@@ -164,19 +176,30 @@ class Workbench:
 
     def account(self, progress: Callable[[str], None] | None = None) -> Account:
         """The noise of the store's data, estimated once for all versions that can be used."""
+        terms = [each.terms for each in self._usable_versions()]
+        known, account = self._account or ([], None)
+        if account is None or known != terms:
+            if account is None or known != terms[: len(known)] or not all(map(account.covers, terms[len(known) :])):
+                # A version more changes the noise, and with it every fit there was.
+                account, self._attempts, self._optima = self._account_of(terms, progress), {}, {}
+            self._account = (terms, account)
+        return account
+
+    def _account_of(self, terms: list[tuple[Term, ...]], progress: Callable[[str], None] | None) -> Account:
+        """From what the store keeps of these versions, or of the first of them, as far as that goes."""
         from rigctl.workbench.verdict.account import account_of, recalled
 
-        terms = [each.terms for each in self._usable_versions()]
-        # A version more changes the noise, and with it every fit there was.
-        if self._account is None or self._account[0] != terms:
-            kept = versions.kept_account(self.store, self.plugin_files)
-            account = account_of(self.study, terms, progress=progress) if kept is None else recalled(self.study, kept)
-            self._account, self._attempts, self._optima = (terms, account), {}, {}
-        return self._account[1]
+        earlier = None
+        for count in range(len(terms), 0, -1):
+            if kept := versions.kept_account(self.store, self.plugin_files, terms[:count]):
+                earlier = (count, recalled(self.study, kept))
+                break
+        return account_of(self.study, terms, progress=progress, earlier=earlier)
 
     def _keep_account(self) -> None:
-        if not self.store.readonly and versions.kept_account(self.store, self.plugin_files) is None:
-            versions.keep_account(self.store, self.plugin_files, self.account().as_document())
+        terms = [each.terms for each in self._usable_versions()]
+        if not self.store.readonly and versions.kept_account(self.store, self.plugin_files, terms) is None:
+            versions.keep_account(self.store, self.plugin_files, terms, self.account().as_document())
 
     @property
     def plugin_files(self) -> list[PluginFile]:
@@ -191,9 +214,9 @@ class Workbench:
         if not 0.0 < alpha < 1.0:
             raise ConfigError(f"alpha {alpha:g} is no level; give one between 0 and 1, such as {ALPHA:g}")
         version = self.current
-        found = self._with_next(
-            diagnose(self.study, version.terms, alpha=alpha, progress=progress, account=self.account(progress))
-        )
+        account = self.account(progress)
+        found = diagnose(self.study, version.terms, alpha, 0, progress, account, self.attempt(version))
+        found = self._with_next(found)
         versions.keep_diagnosis(self.store, version, alpha, found.as_json())
         self._keep_account()
         return found
@@ -217,9 +240,9 @@ class Workbench:
         from rigctl.workbench.next.recommend import recommend
         from rigctl.workbench.verdict.diagnose import diagnose
 
-        terms = self.current.terms
-        found = diagnose(self.study, terms, alpha, progress=progress, account=self.account(progress))
-        return recommend(self.study, terms, found, allowed=self._allowed())
+        version, account = self.current, self.account(progress)
+        found = diagnose(self.study, version.terms, alpha, 0, progress, account, self.attempt(version))
+        return recommend(self.study, version.terms, found, allowed=self._allowed())
 
     @one_thread
     def history(self, progress: Callable[[str], None] | None = None) -> list[dict[str, Any]]:

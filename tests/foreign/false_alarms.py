@@ -267,8 +267,7 @@ def tried(kind: str, seed: int) -> Json:
     try:
         study = TableStudy(recording(kind, seed))
         account = account_of(study, [()])
-        search = account.search
-        assert search is not None  # the noise of a table comes from its scatter
+        search = account.search(study, ())
         said = [term.effect for term in search.suggested] + ["unknown"] * (search.unexplained is not None)
         comparison = compared(account.attempt(study, ()), account, 1)
         if not said:

@@ -124,8 +124,8 @@ def test_flicker_noise_that_looks_white_is_neither_an_effect_nor_a_shape(seed: i
     assert shape.p_value_corrected < 1e-3
     assert is_adequate(attempt, 0.01)
     account = account_of(study, [()])
-    assert account.search is not None
-    assert not account.search.suggested
+    search = account.search(study, ())
+    assert not search.suggested
     assert compared(account.attempt(study, ()), account, 1).p_value > 0.01
 
 

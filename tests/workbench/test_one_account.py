@@ -102,13 +102,13 @@ def test_what_a_search_would_add_to_a_version_is_asked_once(
 ) -> None:
     """It takes several fits; a fit and a comparison both want to know."""
     searched = []
-    next_term = Search.next_term
+    run_from = Search.run_from
 
-    def noting(search: Search) -> Any:
+    def noting(search: Search, richest: Any) -> None:
         searched.append(search.given)
-        return next_term(search)
+        run_from(search, richest)
 
-    monkeypatch.setattr(Search, "next_term", noting)
+    monkeypatch.setattr(Search, "run_from", noting)
     with opened_workbench(seasons) as bench:
         first = bench.version(1)
         fitted, compared = bench.fitted(first), bench.compare(first)

@@ -85,9 +85,9 @@ def test_a_wild_reading_at_the_end_of_a_column_is_no_effect(seed: int) -> None:
     noise[[5, largest]] = noise[[largest, 5]]
     study = table(noise, **given)
     account = account_of(study, [()])
-    assert account.search is not None
-    assert not account.search.suggested
-    assert account.search.unexplained is None
+    search = account.search(study, ())
+    assert not search.suggested
+    assert search.unexplained is None
 
 
 def test_an_effect_beside_wild_readings_is_named_all_the_same() -> None:

@@ -14,6 +14,7 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.compare import compared
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.rather_than_noise import BY_CHANCE, break_rather_than_noise
+from rigctl.workbench.verdict.search import Search
 from tests.foreign.false_alarms import recording
 
 DAYS = 80
@@ -63,6 +64,13 @@ def test_correlated_noise_is_seldom_taken_for_a_step() -> None:
 
 def test_no_effect_that_shows_nothing_takes_the_place_of_a_break_for_being_simpler() -> None:
     """Flicker noise that a step describes: a drift is as likely beside the noise, but is significant beside none."""
-    found = diagnose(TableStudy(recording("flicker", 116)), ())
-    assert [term.effect for term in found.suggested] == ["step[time_s]"]
-    assert found.or_correlated_noise == (("step[time_s]", "time_s"),)
+    study = TableStudy(recording("flicker", 116))
+    search = Search(study, (), 0.01, 0, lambda _: None)
+    search.run()
+    assert [term.effect for term in search.suggested] == ["step[time_s]"]
+    # By the noise beside it the step is none of the significant ones: it is no part of the account.
+    account = account_of(study, [()])
+    assert account.richest.terms == ()
+    found = diagnose(study, (), account=account)
+    assert (found.verdict, found.suggested) == ("adequate", ())
+    assert compared(account.attempt(study, ()), account, 1).p_value > 0.01

@@ -216,8 +216,12 @@ def require_present(version: ModelVersion, effects: Sequence[str]) -> None:
 def data_key(store: Store) -> str:
     """Names the data, the program and the terms of all versions, which tell the noise together: what was worked out
     under another key is out of date."""
+    return _data_key(store, [version.terms for version in versions(store)])
+
+
+def _data_key(store: Store, models: Sequence[Sequence[Term]]) -> str:
     # A set: neither the order of versions nor terms that several of them have make other noise.
-    terms = {json.dumps(term.as_json(), sort_keys=True) for version in versions(store) for term in version.terms}
+    terms = {json.dumps(term.as_json(), sort_keys=True) for terms in models for term in terms}
     return hashlib.sha256(json.dumps([_code(), runs_key(store), sorted(terms)]).encode()).hexdigest()
 
 
@@ -253,14 +257,20 @@ def kept_fit(store: Store, version: ModelVersion) -> dict[str, Any] | None:
     return _kept(store, FIT, "fit", version=version.version, data=data_key(store))
 
 
-def keep_account(store: Store, plugins: Sequence[PluginFile], account: Mapping[str, Any]) -> None:
-    """Keep what the noise of the runs that are valid now was estimated with."""
-    store.add_document(ACCOUNT, {"data": data_key(store), "plugins": _hashes(plugins), "account": account})
+def keep_account(
+    store: Store, plugins: Sequence[PluginFile], models: Sequence[Sequence[Term]], account: Mapping[str, Any]
+) -> None:
+    """Keep what the noise of the runs that are valid now was estimated with, given these models."""
+    data = _data_key(store, models)
+    store.add_document(ACCOUNT, {"data": data, "plugins": _hashes(plugins), "account": account})
 
 
-def kept_account(store: Store, plugins: Sequence[PluginFile]) -> dict[str, Any] | None:
-    """What the noise of the runs that are valid now was estimated with; None when it has not been yet."""
-    return _kept(store, ACCOUNT, "account", data=data_key(store), plugins=_hashes(plugins))
+def kept_account(
+    store: Store, plugins: Sequence[PluginFile], models: Sequence[Sequence[Term]]
+) -> dict[str, Any] | None:
+    """What the noise of the runs that are valid now was estimated with, given these models; None when it has not been
+    yet."""
+    return _kept(store, ACCOUNT, "account", data=_data_key(store, models), plugins=_hashes(plugins))
 
 
 def _hashes(plugins: Sequence[PluginFile]) -> list[str]:

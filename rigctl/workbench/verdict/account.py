@@ -3,11 +3,13 @@
 Noise that comes from the scatter is estimated with everything in the model that is known or significant: the terms
 of all versions, and what a search finds beside them. The search estimates the noise anew with every term it tries, so
 that search and noise alternate until neither changes. The estimate depends on the data, the catalogue and the terms
-of all versions, never on the version looked at.
+of all versions, never on the version looked at. A version of terms that were found already changes nothing: what was
+promised of them holds once they are added.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,18 +25,20 @@ LEVEL = 0.01
 """What is significant at this level, over all trials together, does not count as noise."""
 
 
+ROUNDS = 3
+"""Noise, and a search by that noise, until neither finds more; two are enough but for tables of few rows."""
+
+
 @dataclass(frozen=True)
 class Account:
     """The noise of a store's data: `richest` is the model it was estimated with.
 
-    `known` is None where no noise comes from the scatter: then each model's data tell it by themselves. `search` is
-    the one that found what was not in any version; None when the account was kept.
+    `known` is None where no noise comes from the scatter: then each model's data tell it by themselves.
     """
 
     richest: Attempt
     known: KnownNoise | None
-    search: Search | None = None
-    _next: dict[int, tuple[Attempt, Term | None]] = field(default_factory=dict, repr=False, compare=False)
+    _searches: dict[str, Search] = field(default_factory=dict, repr=False, compare=False)
 
     def attempt(
         self,
@@ -46,16 +50,39 @@ class Account:
         """A model judged by this noise; `held` parameters stay at zero."""
         return Attempt(study, terms, start=start, known=self.known, held=held)
 
+    def search(
+        self,
+        study: Study,
+        terms: Sequence[Term],
+        alpha: float = LEVEL,
+        seed: int = 0,
+        progress: Callable[[str], None] | None = None,
+        fitted: Attempt | None = None,
+    ) -> Search:
+        """What a model with these terms lacks, made once: a fit, a comparison and a diagnosis all ask.
+
+        The search goes on from what was found when the noise was estimated. `fitted` is the model, where it is there.
+        """
+        key = json.dumps([[term.as_json() for term in terms], alpha, seed], sort_keys=True)
+        if key not in self._searches:
+            search = Search(study, terms, alpha, seed, progress or (lambda _: None), self.known)
+            if fitted is not None:
+                search.adopt(fitted)
+            if self.known is None:
+                search.run()
+            else:
+                search.run_from(self.richest)
+            self._searches[key] = search
+        return self._searches[key]
+
     def next_term(self, attempt: Attempt) -> Term | None:
-        """What a search would add to a model first; None where it finds nothing that helps."""
-        if self.search is not None and self.search.given == attempt.terms:
-            return next((term for term in self.search.suggested), None)
-        # A fit and a comparison of one version both ask, and each answer takes several fits.
-        if id(attempt) not in self._next:
-            search = Search(attempt.study, attempt.terms, LEVEL, attempt.seed, lambda _: None, self.known)
-            search.adopt(attempt)
-            self._next[id(attempt)] = (attempt, search.next_term())
-        return self._next[id(attempt)][1]
+        """What a diagnosis would name first that a model lacks; None where it finds nothing that helps."""
+        search = self.search(attempt.study, attempt.terms, seed=attempt.seed, fitted=attempt)
+        return next(iter(search.suggested), None)
+
+    def covers(self, terms: Iterable[Term]) -> bool:
+        """Whether the noise was estimated with all of these terms in the model."""
+        return all(term in self.richest.terms for term in terms)
 
     def as_document(self) -> dict[str, Any]:
         """What `recalled` needs."""
@@ -64,33 +91,47 @@ class Account:
 
 def account_of(
     study: Study,
-    versions: Iterable[Sequence[Term]],
+    versions: Sequence[Sequence[Term]],
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
+    earlier: tuple[int, Account] | None = None,
 ) -> Account:
-    """The account of a study's data, given the terms of all versions of its model."""
-    search = Search(study, _joint(study, versions), LEVEL, seed, progress or (lambda _: None))
+    """The account of a study's data, given the terms of all versions of its model; `earlier` is that of so many."""
+    count, account = earlier or (0, None)
+    for number, terms in enumerate(versions, start=1):
+        if number > count and (account is None or not account.covers(terms)):
+            account = _searched(study, _joint(study, versions[:number]), seed, progress)
+    assert account is not None
+    return account
+
+
+def _searched(study: Study, joint: Sequence[Term], seed: int, progress: Callable[[str], None] | None) -> Account:
+    """The account of a model with these terms and what a search finds beside them."""
+    search = Search(study, joint, LEVEL, seed, progress or (lambda _: None))
     first = search.attempt(search.given)
     if not first.estimator.from_scatter:
-        return Account(first, None, None)
+        return Account(first, None)
     search.run()
-    # A line of the samples changes none of the reduced data whose scatter tells the noise.
-    lines = {id(line.term) for line in search.lines}
-    estimated = _recallable(study, search, [term for term in search.terms if id(term) not in lines], seed)
-    assert estimated.known is not None
-    search.judged_by(estimated.known, estimated.richest)
-    return Account(estimated.richest, estimated.known, search)
+    account, sets = _recallable(study, joint, search.found, search, seed), [search.found]
+    for _ in range(ROUNDS):
+        again = account.search(study, joint, seed=seed, progress=progress)
+        # What is not needed beside the others is no part of the account, unless without it it is found again.
+        if again.found == sets[-1] or (account.covers(again.found) and again.found in sets):
+            break
+        account = _recallable(study, joint, again.found, again, seed)
+        sets.append(again.found)
+    return account
 
 
-def _recallable(study: Study, search: Search, terms: Sequence[Term], seed: int) -> Account:
+def _recallable(study: Study, joint: Sequence[Term], found: Sequence[Term], search: Search, seed: int) -> Account:
     """The account of a model by way of its document: the same whether just made or kept in a store."""
     try:
-        return recalled(study, Account(search.attempt(terms), None).as_document(), seed)
+        return recalled(study, Account(search.attempt((*joint, *found)), None).as_document(), seed)
     except UNFIT:
         # Fitted on the way, from where smaller models ended, but not from its own end: determined by a hair.
-        if len(terms) == len(search.given):
+        if not found:
             raise
-        return _recallable(study, search, terms[:-1], seed)
+        return _recallable(study, joint, found[:-1], search, seed)
 
 
 def recalled(study: Study, document: Mapping[str, Any], seed: int = 0) -> Account:

@@ -12,6 +12,7 @@ from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import LEVEL, Account, account_of
 from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.alike import inseparable_effects
+from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.description import described
 from rigctl.workbench.verdict.impossible import OfOneSign, impossible_parameters
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_as_a_whole, unexplained_between_settings
@@ -20,7 +21,7 @@ from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.ranking import ranking
 from rigctl.workbench.verdict.rather_than_noise import breaks_level, is_noise_instead
 from rigctl.workbench.verdict.rivals import rivals_of
-from rigctl.workbench.verdict.search import Progress, Search
+from rigctl.workbench.verdict.search import Search
 from rigctl.workbench.verdict.significance import REPEATS_SHARE
 from rigctl.workbench.verdict.slow_noise import hidden_in_slow_noise
 from rigctl.workbench.verdict.stated_sigma import stated_sigma
@@ -35,14 +36,16 @@ def diagnose(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
     account: Account | None = None,
+    fitted: Attempt | None = None,
 ) -> Diagnosis:
     """Test every effect of the catalogue against what the model with `terms` leaves, and sets of them.
 
     `alpha` is the level over all trials together; `seed` fixes the draws behind corrected p-values; `progress` is
-    told what is being done; `account` is the noise of the data, by default as these terms alone tell it.
+    told what is being done; `account` is the noise of the data, by default as these terms alone tell it; `fitted` is
+    the model, where it has been fitted.
     """
     account = account or account_of(study, [terms], seed, progress)
-    search = _searched(study, terms, alpha, seed, progress or (lambda _: None), account)
+    search = account.search(study, terms, alpha, seed, progress, fitted)
     alike = [rival for term in search.suggested for rival in rivals_of(search, term)]
     # What contains the found effect can always do as well: it may be the truth, but makes nothing ambiguous.
     rivals = any(not each.wider for each in alike)
@@ -78,18 +81,6 @@ def diagnose(
         scatter=uneven_scatter(account.richest, LEVEL),
         stated_sigma=stated_sigma(account.richest),
     )
-
-
-def _searched(
-    study: Study, terms: Sequence[Term], alpha: float, seed: int, progress: Progress, account: Account
-) -> Search:
-    """The search from these terms: where the noise was told by the same, that one."""
-    told = account.search
-    if told is not None and (told.given, told.alpha, told.seed) == (tuple(terms), alpha, seed):
-        return told
-    search = Search(study, terms, alpha, seed, progress, account.known)
-    search.run()
-    return search
 
 
 def _joint_fit(search: Search, suggested: Sequence[Term]) -> JointFit:

@@ -26,14 +26,14 @@ HELD_OUT = 10
 
 def ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
     """What was suggested with its refitted size, then everything else against what is left."""
-    first, final = search.attempt(search.given), search.attempt(search.terms)
+    final = search.attempt(search.terms)
     ranks = []
     lines = {line.term.effect: line for line in search.lines}
     for term in search.suggested:
         if term.effect in lines:
             ranks.append(_rank_of_line(lines[term.effect]))
         else:
-            ranks.append(_rank_of_suggested(search, first, final, term, rivals))
+            ranks.append(_rank_of_suggested(search, final, term, rivals))
     ranks.sort(key=lambda rank: rank.p_value)
     others = sorted(final.scored, key=lambda each: (each.score.p_value, -each.score.statistic))
     there = {term.effect for term in final.terms}
@@ -43,7 +43,7 @@ def ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
     return tuple(ranks)
 
 
-def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Term, rivals: Sequence[Rival]) -> Rank:
+def _rank_of_suggested(search: Search, final: Attempt, term: Term, rivals: Sequence[Rival]) -> Rank:
     without = search.attempt_if_fit([each for each in search.terms if each != term])
     p_value = search.p_of_term(search.terms, term)
     estimates = {
@@ -58,7 +58,7 @@ def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Ter
     return Rank(
         term=term,
         p_value=p_value,
-        p_value_corrected=corrected_for(first, p_value, term.effect),
+        p_value_corrected=search.corrected_p_of_term(search.terms, term),
         parameters=estimates,
         held_out_error_ratio=float("nan") if without is None else held_out_ratio(final, without),
         equivalent_to=tuple(equivalent),

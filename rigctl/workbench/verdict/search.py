@@ -27,8 +27,8 @@ from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.rather_than_noise import break_rather_than_noise
 from rigctl.workbench.verdict.score import p_of
 from rigctl.workbench.verdict.significance import (
-    CATALOGUE_SHARE,
     LINES_SHARE,
+    corrected_for,
     is_adequate,
     is_significant,
     significant_shape,
@@ -91,22 +91,24 @@ class Search:
 
     def attempt(self, terms: Sequence[Term]) -> Attempt:
         """The model with these terms, fitted and scored once."""
-        keys = {term.effect: json.dumps(term.as_json(), sort_keys=True) for term in terms}
         key = _key(terms)
         if key in self._attempts:
             # The last asked for is the last to go.
             self._attempts[key] = self._attempts.pop(key)
         else:
             # Another choice of the same effect is nowhere to start from.
-            start = {
-                name: value for owner in ("", *keys.values()) for name, value in self._values.get(owner, {}).items()
-            }
-            made = Attempt(self.study, terms, self.seed, self._shapes, start, self._known)
-            self._attempts[key] = made
-            for owner, (name, value) in zip(made.model.owners, made.values.items(), strict=True):
-                self._values.setdefault(keys.get(owner, ""), {})[name] = value
-            self._forget()
+            owners = ("", *map(_name, terms))
+            start = {name: value for owner in owners for name, value in self._values.get(owner, {}).items()}
+            self.adopt(Attempt(self.study, terms, self.seed, self._shapes, start, self._known))
         return self._attempts[key]
+
+    def adopt(self, attempt: Attempt) -> None:
+        """Keep a fitted model, and start others from it."""
+        names = {term.effect: _name(term) for term in attempt.terms}
+        self._attempts[_key(attempt.terms)] = attempt
+        for owner, (name, value) in zip(attempt.model.owners, attempt.values.items(), strict=True):
+            self._values.setdefault(names.get(owner, ""), {})[name] = value
+        self._forget()
 
     def _forget(self) -> None:
         """Models of long tables that were not asked for lately: a fit is made again in less than a second or two."""
@@ -118,21 +120,6 @@ class Search:
             del self._attempts[next(iter(self._attempts))]
         # A model and its scores refer to each other, and columns are no objects that a collector counts.
         gc.collect()
-
-    def next_term(self) -> Term | None:
-        """What the search would add to the terms it has: significant, and better on held-out data."""
-        return self._next(self.attempt(self.terms))
-
-    def judged_by(self, known: KnownNoise, richest: Attempt) -> None:
-        """From now on every model is judged by one noise, that of the `richest`; what is not in it was not found."""
-        self._known = known
-        self._attempts = {_key(richest.terms): richest}
-        lines = [line.term for line in self.lines]
-        self.terms = tuple(term for term in self.terms if term in richest.terms or term in lines)
-
-    def adopt(self, attempt: Attempt) -> None:
-        """A model that was fitted already."""
-        self._attempts[_key(attempt.terms)] = attempt
 
     def attempt_if_fit(self, terms: Sequence[Term]) -> Attempt | None:
         """The same; None for terms that these data do not determine together, or as nature never has them."""
@@ -147,6 +134,27 @@ class Search:
     def suggested(self) -> tuple[Term, ...]:
         """What was added to the given terms."""
         return tuple(term for term in self.terms if term not in self.given)
+
+    @property
+    def found(self) -> tuple[Term, ...]:
+        """The same without lines of the samples: they change none of the data whose scatter tells the noise."""
+        lines = {line.term.effect for line in self.lines}
+        return tuple(term for term in self.suggested if term.effect not in lines)
+
+    def run_from(self, richest: Attempt) -> None:
+        """Add what the `richest` model has besides, drop of it what is not needed, and go on from there."""
+        there = {term.effect for term in self.given}
+        terms = (*self.given, *(term for term in richest.terms if term.effect not in there))
+        self.adopt(richest)
+        if self.attempt_if_fit(terms) is None:
+            self.run()
+            return
+        for count in range(len(self.given) + 1, len(terms) + 1):
+            self.moves.append(Move(terms[:count], terms[count - 1].effect, ()))
+        self.terms, dropped = self._without_needless(terms, len(terms))
+        if dropped:
+            self.moves.append(Move(self.terms, None, dropped))
+        self._climb()
 
     def run(self) -> None:
         """Add and drop until nothing that is left can be explained."""
@@ -208,11 +216,9 @@ class Search:
         """Whether two further terms are both needed, and nothing beside them is."""
         terms = (*self.terms, *both)
         with_both = self.attempt_if_fit(terms)
-        if with_both is None:
+        if with_both is None or any(self.corrected_p_of_term(terms, each) >= self.alpha for each in both):
             return False
-        level = CATALOGUE_SHARE * self.alpha
-        needed = all(with_both.corrected(self.p_of_term(terms, each), each.effect) < level for each in both)
-        return needed and is_adequate(with_both, self.alpha)
+        return is_adequate(with_both, self.alpha)
 
     def price(self, noise: Noise) -> float:
         """Chi-square of what was found, with one noise for all that is compared, and what its parameters cost."""
@@ -311,20 +317,25 @@ class Search:
         return not needless_beside_shapes(attempt, scored, with_it, self.alpha, self.seed)
 
     def _floated(self, terms: tuple[Term, ...]) -> tuple[tuple[Term, ...], tuple[str, ...]]:
-        """The terms without those that are no longer needed beside the others, and what was dropped."""
-        dropped: list[str] = []
+        """The terms without those that are no longer needed beside the last, and what was dropped."""
+        return self._without_needless(terms, len(terms) - 1)
+
+    def _without_needless(self, terms: tuple[Term, ...], asked: int) -> tuple[tuple[Term, ...], tuple[str, ...]]:
+        """The terms without those of the first `asked` that the others make needless, and what was dropped."""
+        last, dropped = terms[asked:], list[str]()
         while True:
-            added = [term for term in terms if term not in self.given]
-            if len(added) < 2:
-                return terms, tuple(dropped)
-            corrected = self.attempt(terms).corrected
-            # Not the last: it has just been found significant beside the others.
-            p_values = {term.effect: corrected(self.p_of_term(terms, term), term.effect) for term in added[:-1]}
-            worst = max(p_values, key=lambda effect: p_values[effect])
-            if p_values[worst] < CATALOGUE_SHARE * self.alpha:
+            added = [term for term in terms if term not in self.given and term not in last]
+            p_values = {term.effect: self.corrected_p_of_term(terms, term) for term in added}
+            worst = max(p_values, key=lambda effect: p_values[effect], default=None)
+            if worst is None or p_values[worst] < self.alpha:
                 return terms, tuple(dropped)
             dropped.append(worst)
             terms = tuple(term for term in terms if term.effect != worst or term in self.given)
+
+    def corrected_p_of_term(self, terms: Sequence[Term], term: Term) -> float:
+        """The same for the questions that are asked beside the others; compares with the level itself."""
+        without = self.attempt_if_fit([each for each in terms if each != term])
+        return 0.0 if without is None else corrected_for(without, self.p_of_term(terms, term), term.effect)
 
     def p_of_term(self, terms: Sequence[Term], term: Term) -> float:
         """P-value of one of the terms given the others, from the fits with and without it."""
@@ -346,5 +357,9 @@ class Search:
                 self.moves.append(Move(self.terms, line.term.effect, ()))
 
 
+def _name(term: Term) -> str:
+    return json.dumps(term.as_json(), sort_keys=True)
+
+
 def _key(terms: Sequence[Term]) -> str:
-    return json.dumps(sorted(json.dumps(term.as_json(), sort_keys=True) for term in terms))
+    return json.dumps(sorted(map(_name, terms)))

@@ -22,6 +22,8 @@ from rigctl.workbench.verdict.score import smallest_p
 DRAWS = 2000
 QUANTILE = 0.02
 _BELOW_ONE = 1.0 - 1e-16
+# Up to so many rows noise is drawn for each: draws along a basis would follow its signs, which rounding decides.
+_ROW_BY_ROW = 5000
 
 
 @dataclass
@@ -71,11 +73,11 @@ def trials_of(smallest: FloatArray) -> float:
 
 def _smallest(families: Mapping[str, Family], rows: int, seed: int) -> dict[str, FloatArray]:
     """The smallest p of each family in each draw of noise, which is drawn in the span of the bases alone where there
-    are no scans; 1 where all is absorbed."""
+    are many rows and no scans; 1 where all is absorbed."""
     wide = {name: [basis for basis in family.bases if basis.shape[1]] for name, family in families.items()}
     span = np.hstack([np.zeros((rows, 0)), *(basis for bases in wide.values() for basis in bases)])
     scanned = any(each.dimension.any() for family in families.values() for each in family.scans)
-    if scanned or span.shape[1] > rows:
+    if scanned or rows <= _ROW_BY_ROW or span.shape[1] > rows:
         draws = _noise(seed, rows)
         along: NDArray[np.floating] = draws @ span.astype(np.float32)
     else:
