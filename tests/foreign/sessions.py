@@ -30,12 +30,13 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True)
 class Session:
-    """What the commands said; ``after`` is compare with the suggested effects in the model."""
+    """What the commands said; ``again`` is a second diagnose, ``after`` compare with what it suggested."""
 
     reference: Json
     response: str
     compare: Json
     diagnose: Json
+    again: Json
     after: Json
     fit: Json
     history: list[Json]
@@ -65,7 +66,8 @@ def taken_through(bundle: Path, reference: Json | None = None) -> Session:
     with TemporaryDirectory() as directory:
         store = str(Path(directory) / "foreign.rig.sqlite")
         run("import", str(bundle), "--store", store)
-        compare, diagnose = command("compare", store), command("diagnose", store, "--alpha", str(ALPHA))
+        compare = command("compare", store)
+        diagnose, again = (command("diagnose", store, "--alpha", str(ALPHA)) for _ in range(2))
         if diagnose["suggested"]:
             run("model", "add", store, *diagnose["suggested"])
         return Session(
@@ -73,6 +75,7 @@ def taken_through(bundle: Path, reference: Json | None = None) -> Session:
             response=written.get("table", {}).get("response", ""),
             compare=compare,
             diagnose=diagnose,
+            again=again,
             after=command("compare", store),
             fit=command("fit", store),
             history=command("model", "history", store),
@@ -103,7 +106,7 @@ def period_number(name: str) -> tuple[str, str]:
 def fitted(session: Session, name: str, near: float) -> Json:
     """The parameter of that name; of several of a kind the nearest; of a group's, the only one that begins so."""
     parameters = session.fit["parameters"]
-    if name in parameters and "#" not in name:
+    if name in parameters and not name.endswith("].period"):
         return dict(parameters[name])
     stem = name.partition("[")[0] + "["
     alike = {
@@ -147,12 +150,18 @@ def alike(one: Any, other: Any) -> bool:
 
 
 def noise_is_one(session: Session) -> None:
-    """compare and diagnose state the same noise; so do compare, fit and every version of the history afterwards."""
-    before = [session.compare["noise"], session.diagnose["noise"]]
-    afterwards = [stated["noise"] for stated in (session.after, session.fit, *session.history)]
-    assert before[0], "no noise is stated"
-    for stated in (before, afterwards):
-        assert all(alike(entry, stated[0]) for entry in stated), f"the noise is stated differently: {stated}"
+    """compare, diagnose, fit and every version state one noise, before what was found is added and afterwards."""
+    stated = [each["noise"] for each in (session.compare, session.diagnose, session.after, session.fit)]
+    stated += [each["noise"] for each in session.history]
+    assert stated[0], "no noise is stated"
+    assert all(alike(entry, stated[0]) for entry in stated), f"the noise is stated differently: {stated}"
+
+
+def told_twice_the_same(session: Session) -> None:
+    """A second diagnosis says what the first did, and all that is suggested is significant in its ranking."""
+    assert alike(session.again, session.diagnose)
+    p_values = {each["effect"]: each["p_value_corrected"] for each in session.diagnose["ranking"]}
+    assert all(p_values[effect] < ALPHA for effect in session.suggested), p_values
 
 
 def falls(rungs: list[float], name: str) -> None:
@@ -173,12 +182,18 @@ def measures_fall(session: Session) -> None:
     falls([-rung["held_out_log_score"] for rung in session.history], "- held_out_log_score")
 
 
+def chi2_of(comparison: Json) -> float:
+    return sum(channel["chi2"] for channel in comparison["channels"])
+
+
 def promise_is_kept(session: Session) -> None:
     """What was suggested is what was added: the same likelihood and parameters, and no warning."""
     joint = session.diagnose["joint_fit"]
     if not session.suggested:
         return
     last = session.history[-1]
+    fall = chi2_of(session.compare) - chi2_of(session.after)
+    assert abs(fall - joint["chi2_fall"]) <= CHI2_TOLERANCE * joint["chi2_fall"], f"{fall}, promised {joint}"
     assert abs(last["minus_2_log_l"] - joint["minus_2_log_l"]) <= CHI2_TOLERANCE * joint["chi2_fall"]
     for name, promised in joint["parameters"].items():
         found = session.fit["parameters"][name]
@@ -193,6 +208,7 @@ CHECKS: dict[str, Callable[[Session], None]] = {
     "value": published_values_are_found,
     "agree": compare_and_diagnose_agree,
     "noise": noise_is_one,
+    "twice": told_twice_the_same,
     "ladder": errors_fall,
     "measures": measures_fall,
     "promise": promise_is_kept,

@@ -131,3 +131,12 @@ def _p_of_period(study: TableStudy) -> float:
     p_value = p_of_scored(attempt, scored)
     assert p_value > scored.score.p_value
     return p_value
+
+
+def test_readings_that_follow_a_curve_to_the_last_digit_have_the_noise_of_rounding() -> None:
+    """A square exactly: what it leaves is zero, and a sigma of zero would overflow every test."""
+    x = np.arange(20.0)
+    found = diagnose(table(x**2 + 3.0 * x + 2.0, x=x), ())
+    assert (found.verdict, [term.effect for term in found.suggested]) == ("effect", ["power2[x]"])
+    assert found.joint_fit is not None
+    assert abs(found.joint_fit.parameters["power2[x]"].value - 1.0) < 1e-12

@@ -38,6 +38,8 @@ _LIKELIHOOD = 1e-6
 _NEGLIGIBLE = 1e-3
 # Where everything is fitted: F has no law without a degree of freedom.
 _FLOOR_DOF = 1.0
+# Of the largest reading: what a fit in double precision leaves of a curve that readings follow to the last digit.
+_ROUNDING = 1e-14
 WHITE = Correlation("", 0.0)
 
 
@@ -63,6 +65,7 @@ class Pool:
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
         self._free = len(self._looked_at) - basis.shape[1]
+        self._least_scale = _ROUNDING * float(np.max(np.abs(given.value[where]) / given.sigma[where]))
         self._trials = [Whitenings([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
         for name in self._kernels:
             # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
@@ -80,7 +83,8 @@ class Pool:
         if self._free <= 0:
             return 1.0, [(1.0, WHITE)]
         near = residuals[self._looked_at]
-        rss = np.maximum(np.concatenate([trials.rss(near) for trials in self._trials]), np.finfo(float).tiny)
+        least = max(self._free * self._least_scale**2, float(np.finfo(float).tiny))
+        rss = np.maximum(np.concatenate([trials.rss(near) for trials in self._trials]), least)
         # Minus twice the restricted log likelihood of each, at its own best scale.
         cost = self._free * np.log(rss) + self._penalties
         weight = np.exp(-0.5 * (cost - cost.min()))
@@ -94,7 +98,7 @@ class Pool:
         scale = float(np.sqrt(weight.sum() / self._free))
         if len(self.where) > len(self._looked_at) and weight[0] > 0.0:  # white: the scale of all, not of the stretch
             left = residuals - self.basis @ (self.basis.T @ residuals)
-            scale = float(np.sqrt(_square_sum(left) / self.dof))
+            scale = max(float(np.sqrt(_square_sum(left) / self.dof)), self._least_scale)
         shares = weight / weight.sum()
         return scale, [(float(w), each) for w, each in zip(shares, self._correlations, strict=True) if w > 0.0]
 
