@@ -153,7 +153,11 @@ class Workbench:
             # With the same choices: the same effect with another period is no part of this model.
             fewer = [each for each in fewer if all(term in version.terms for term in each.terms)]
             # A term may be determined only beside the one that was added after it.
-            parents = [self._optimum(each) for each in fewer if self._attempt_if_fit(each) is not None]
+            fewer = [each for each in fewer if self._attempt_if_fit(each) is not None]
+            # What is in another of them is no likelier than that one.
+            sets = [set(each.effects) for each in fewer]
+            largest = [each for each, own in zip(fewer, sets, strict=True) if not any(own < other for other in sets)]
+            parents = [self._optimum(each) for each in largest]
             self._optima[version.version] = maximum_likelihood(attempt, attempt.estimator, parents)
         return self._optima[version.version]
 

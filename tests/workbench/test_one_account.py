@@ -10,6 +10,7 @@ import pytest
 
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import opened_workbench
+from rigctl.workbench.verdict.account import account_of, recalled
 from rigctl.workbench.verdict.search import Search
 
 TABLE = """\
@@ -85,6 +86,14 @@ def test_the_ladder_falls_in_every_measure(told: dict[str, Any]) -> None:
     rss = [MONTHS * rung["rms"]["temp_degf"]["value"] ** 2 for rung in told["history"]]
     fall = without["minus_2_log_l"] - with_it["minus_2_log_l"]
     assert fall == pytest.approx(MONTHS * np.log(rss[0] / rss[1]), rel=1e-6)
+
+
+def test_an_account_is_the_same_however_often_it_is_kept_and_recalled(seasons: Path) -> None:
+    with opened_workbench(seasons) as bench:
+        made = account_of(bench.study, [()])
+        kept = recalled(bench.study, made.as_document())
+    assert kept.as_document() == made.as_document()
+    np.testing.assert_array_equal(kept.richest.noise.sigma, made.richest.noise.sigma)
 
 
 def test_what_is_diagnosed_is_what_is_added(told: dict[str, Any]) -> None:

@@ -31,13 +31,14 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Account:
-    """The noise of a store's data: `richest` is the model it was estimated with.
+    """The noise of a store's data: `richest` is the model it was estimated with, fitted from `start`.
 
     `known` is None where no noise comes from the scatter: then each model's data tell it by themselves.
     """
 
     richest: Attempt
     known: KnownNoise | None
+    start: Mapping[str, float]
     _searches: dict[str, Search] = field(default_factory=dict, repr=False, compare=False)
 
     def attempt(
@@ -86,7 +87,7 @@ class Account:
 
     def as_document(self) -> dict[str, Any]:
         """What `recalled` needs."""
-        return {"terms": [term.as_json() for term in self.richest.terms], "start": self.richest.values}
+        return _document(self.richest.terms, self.start)
 
 
 def account_of(
@@ -110,7 +111,7 @@ def _searched(study: Study, joint: Sequence[Term], seed: int, progress: Callable
     search = Search(study, joint, LEVEL, seed, progress or (lambda _: None))
     first = search.attempt(search.given)
     if not first.estimator.from_scatter:
-        return Account(first, None)
+        return Account(first, None, first.values)
     search.run()
     account, sets = _recallable(study, joint, search.found, search, seed), [search.found]
     for _ in range(ROUNDS):
@@ -126,7 +127,8 @@ def _searched(study: Study, joint: Sequence[Term], seed: int, progress: Callable
 def _recallable(study: Study, joint: Sequence[Term], found: Sequence[Term], search: Search, seed: int) -> Account:
     """The account of a model by way of its document: the same whether just made or kept in a store."""
     try:
-        return recalled(study, Account(search.attempt((*joint, *found)), None).as_document(), seed)
+        made = search.attempt((*joint, *found))
+        return recalled(study, _document(made.terms, made.values), seed)
     except UNFIT:
         # Fitted on the way, from where smaller models ended, but not from its own end: determined by a hair.
         if not found:
@@ -136,9 +138,13 @@ def _recallable(study: Study, joint: Sequence[Term], found: Sequence[Term], sear
 
 def recalled(study: Study, document: Mapping[str, Any], seed: int = 0) -> Account:
     """The account that a store keeps."""
-    terms = [Term(each["effect"], each["choice"]) for each in document["terms"]]
-    richest = Attempt(study, terms, seed, start=document["start"])
-    return Account(richest, _known(richest) if richest.estimator.from_scatter else None)
+    terms, start = [Term(each["effect"], each["choice"]) for each in document["terms"]], document["start"]
+    richest = Attempt(study, terms, seed, start=start)
+    return Account(richest, _known(richest) if richest.estimator.from_scatter else None, start)
+
+
+def _document(terms: Sequence[Term], start: Mapping[str, float]) -> dict[str, Any]:
+    return {"terms": [term.as_json() for term in terms], "start": dict(start)}
 
 
 def _known(richest: Attempt) -> KnownNoise:
