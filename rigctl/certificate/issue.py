@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rigctl.certificate import page, sealed
+from rigctl.certificate import page, pdf, sealed
 from rigctl.certificate.content import FORMAT, Certificate
 from rigctl.certificate.sections import Content
 from rigctl.core.errors import ConfigError, DataError
@@ -19,15 +19,17 @@ def _html(content: Content) -> bytes:
     return text.replace("</body>", f"<!-- {sealed.place()} -->\n</body>").encode()
 
 
-FORMS: Mapping[str, Callable[[Content], bytes]] = {".html": _html}
+FORMS: Mapping[str, Callable[[Content], bytes]] = {".html": _html, ".pdf": pdf.pdf}
 """By suffix, what makes a file of a certificate's content."""
 
 
 def form_of(out: Path) -> str:
-    """The suffix of a file that can be written; `ConfigError` for another one."""
+    """The suffix of a file that can be written; `ConfigError` for another one, and for a PDF without a browser."""
     suffix = out.suffix.lower()
     if suffix not in FORMS:
         raise ConfigError(f"{out}: certificates are written as {' or '.join(FORMS)} only; give the file such a name")
+    if suffix == ".pdf":
+        pdf.browser()
     return suffix
 
 
@@ -52,7 +54,7 @@ def read(path: Path) -> tuple[Mapping[str, Any], bool]:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
     unchanged = sealed.intact(data)
     try:
-        content = page.data_of(data.decode("utf-8"))
+        content = pdf.data_of(data) if data.startswith(b"%PDF") else page.data_of(data.decode("utf-8"))
     except (ValueError, json.JSONDecodeError) as error:
         raise DataError(
             f"{path}: no certificate of this program: {error}; name a file of `rigctl certificate`"

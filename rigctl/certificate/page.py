@@ -26,7 +26,17 @@ def page(content: Content) -> str:
         *(html.paragraph(f"{line} ____________________________") for line in signature_lines(content)),
         f"{_DATA}{_data(content)}{_END}",
     ]
-    return html.page(heading(content), body)
+    return html.page(heading(content), body, _sheets(str(content["number"])))
+
+
+def _sheets(number: str) -> str:
+    """On paper every sheet says of which certificate it is, and of how many (ISO/IEC 17025, 7.8.2.1 d)."""
+    told = "".join(each if each.isascii() and each.isalnum() else f"\\{ord(each):x} " for each in number)
+    return (
+        "@page { margin: 16mm 15mm 18mm; "
+        f'@bottom-left {{ content: "{told}"; font: 8pt sans-serif }} '
+        '@bottom-right { content: "page " counter(page) " of " counter(pages); font: 8pt sans-serif } }'
+    )
 
 
 def data_of(text: str) -> Any:

@@ -22,7 +22,7 @@ app = typer.Typer(add_completion=False)
 @app.command()
 def certificate(
     store: StoreFile,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Written as .html.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Written as .html or .pdf.")],
     details: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Laboratory, customer, item, requirements.")
     ] = None,

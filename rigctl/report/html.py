@@ -41,12 +41,12 @@ svg text { fill: currentColor; }
 """
 
 
-def page(title: str, body: Iterable[str]) -> str:
-    """A whole document around pieces of HTML."""
+def page(title: str, body: Iterable[str], style: str = "") -> str:
+    """A whole document around pieces of HTML, with further rules of `style`."""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}{style}</style>\n</head>\n<body>\n"
         + "\n".join(body)
         + "\n</body>\n</html>\n"
     )

@@ -128,10 +128,9 @@ def test_a_changed_certificate_is_refused(table: Any) -> None:
     table.rigctl("verify", out, table.store).refused(2, "no certificate of this program")
 
 
-@pytest.mark.parametrize("suffix", [".pdf", ".xml"])
-def test_another_form_is_refused_before_any_work(table: Any, suffix: str) -> None:
-    out = table.directory / f"t{suffix}"
-    table.rigctl("certificate", table.store, "--out", out).refused(2, out.name, ".html only")
+def test_another_form_is_refused_before_any_work(table: Any) -> None:
+    out = table.directory / "t.xml"
+    table.rigctl("certificate", table.store, "--out", out).refused(2, out.name, ".html or .pdf only")
     assert not out.exists()
 
 
