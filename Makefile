@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
+.PHONY: setup certificates flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -95,6 +95,20 @@ wire-dialects: setup
 	mkdir -p out
 	rm -f out/wire-dialects.md
 	RIGCTL_WIRE_DIALECTS=$(CURDIR)/out/wire-dialects.md OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 tests/campaigns/test_dialects_over_the_wire.py
+
+# The certificates that the README links, from campaigns on simulated instruments, a published table and a plug-in: two minutes, a browser.
+CERTIFIED := isa-flight-model bias-rejection microscope
+certificates: setup
+	mkdir -p out docs/certificates
+	rm -f $(CERTIFIED:%=out/%.rig.sqlite*) out/pontius.rig.sqlite* out/tumble-test.rig.sqlite*
+	for name in $(CERTIFIED); do $(BIN)/rigctl run campaigns/$$name.toml --store out/$$name.rig.sqlite --yes \
+	  && $(BIN)/rigctl certificate out/$$name.rig.sqlite --out docs/certificates/$$name.pdf || exit 1; done
+	$(BIN)/rigctl import examples/pontius --store out/pontius.rig.sqlite
+	$(BIN)/rigctl model add out/pontius.rig.sqlite 'power2[load_lb]'
+	$(BIN)/rigctl certificate out/pontius.rig.sqlite --out docs/certificates/pontius.pdf
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --upgrade --target out/plugins ./examples/tumble-test
+	PYTHONPATH=out/plugins $(BIN)/rigctl run examples/tumble-test/one-axis.toml --store out/tumble-test.rig.sqlite --yes
+	PYTHONPATH=out/plugins $(BIN)/rigctl certificate out/tumble-test.rig.sqlite --out docs/certificates/tumble-test.pdf
 
 # What the pages show beside what the program prints now; WRITE=--write renews the pages.
 samples: setup
