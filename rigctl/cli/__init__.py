@@ -13,6 +13,7 @@ import typer
 
 from rigctl.cli.commands import Commands
 from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
+from rigctl.report.plain_signs import on_standard_streams
 
 app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
@@ -31,6 +32,7 @@ TRACEBACK = "RIGCTL_TRACEBACK"
 
 def main() -> None:
     """Run a command; errors become one line on stderr and an exit status."""
+    on_standard_streams()
     try:
         app(standalone_mode=True)
     except RigError as error:

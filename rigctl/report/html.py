@@ -59,7 +59,7 @@ def heading(text: str, level: int = 2) -> str:
 
 def paragraph(text: str, kind: str = "") -> str:
     """A paragraph of plain text."""
-    return f'<p class="{escape(kind)}">{_words(text)}</p>' if kind else f"<p>{_words(text)}</p>"
+    return f'<p class="{escape(kind)}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
 
 
 def command(text: str) -> str:
@@ -69,7 +69,7 @@ def command(text: str) -> str:
 
 def listing(items: Iterable[str]) -> str:
     """A list of plain texts; "" when it is empty."""
-    inside = "".join(f"<li>{_words(item)}</li>" for item in items)
+    inside = "".join(f"<li>{escape(item)}</li>" for item in items)
     return f"<ul>{inside}</ul>" if inside else ""
 
 
@@ -81,7 +81,7 @@ def table(table: ResultTable) -> str:
     head = "".join(f"<th{kind}>{escape(name.lstrip('#'))}</th>" for kind, name in names)
     body = ""
     for row, marked in zip(filled.rows, filled.marks, strict=True):
-        texts = ["<br>".join(map(_words, cell.split("\n"))) for cell in row]
+        texts = ["<br>".join(map(escape, cell.split("\n"))) for cell in row]
         cells = "".join(f"<td{kind}>{text}</td>" for kind, text in zip(kinds, texts, strict=True))
         mark = ' class="mark"' if marked else ""
         body += f"<tr{mark}>{cells}</tr>"
@@ -94,9 +94,4 @@ def figure(plate: Plate[Any]) -> str:
     """A figure with its caption, in the page's own ink on its own paper."""
     # Ink and paper of the figure become those of the page, in the dark too.
     svg = svg_element(plate).replace("#000000", "currentColor").replace("#ffffff", "var(--paper)")
-    return f"<figure>{svg}<figcaption>{_words(plate.caption)}</figcaption></figure>"
-
-
-def _words(text: str) -> str:
-    # Sentences are written for terminals of any encoding; a page is UTF-8.
-    return escape(text.replace("+-", "±"))
+    return f"<figure>{svg}<figcaption>{escape(plate.caption)}</figcaption></figure>"

@@ -13,7 +13,7 @@ _FIXED = range(-3, 6)
 
 
 def quantity(value: float | None, sigma: float | None, unit: str = "") -> str:
-    """A value with its standard uncertainty to two digits: (9.71 +- 0.12)e-05 rad/m."""
+    """A value with its standard uncertainty to two digits: (9.71 ± 0.12)e-05 rad/m."""
     if value is None or not math.isfinite(value) or (sigma is not None and not math.isfinite(sigma)):
         return "not determined"
     # Held, or known exactly: no sigma says how many digits there are.
@@ -24,7 +24,7 @@ def quantity(value: float | None, sigma: float | None, unit: str = "") -> str:
     scale = 0 if exponent in _FIXED else exponent
     # Two digits of the sigma.
     decimals = max(0, 1 + scale - _exponent(sigma))
-    pair = f"{value / 10.0**scale:.{decimals}f} +- {sigma / 10.0**scale:.{decimals}f}"
+    pair = f"{value / 10.0**scale:.{decimals}f} ± {sigma / 10.0**scale:.{decimals}f}"
     return _spaced(f"({pair})e{scale:+03d}" if scale else pair, unit)
 
 

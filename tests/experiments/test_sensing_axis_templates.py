@@ -73,7 +73,7 @@ def test_a_template_is_told_without_a_power_of_the_frequency(bare: Observations)
         shape = Shape(1, 0, 0, covariate)
         best = Best(shape, 9.0, 0.0, 0.0, 1.0, 1, np.zeros((0, 1)), shape, np.zeros((0, 1)))
         told = described(bare, best, score).description
-        assert told == f"accel_v nu in-phase is off by 2 +- 0.1 V, {words} (size per standard deviation of it)"
+        assert told == f"accel_v nu in-phase is off by 2 ± 0.1 V, {words} (size per standard deviation of it)"
 
 
 def test_a_template_has_none_of_the_noise_of_its_own_readings(bench: Bench, tmp_path: Path) -> None:

@@ -52,11 +52,11 @@ def diagnosis(verdict: str, *ranks: dict[str, Any], suggested: tuple[str, ...] =
 @pytest.mark.parametrize(
     ("value", "sigma", "unit", "text"),
     [
-        (9.7123e-5, 1.2e-6, "rad/m", "(9.71 +- 0.12)e-05 rad/m"),
-        (12.3456, 0.0123, "V", "12.346 +- 0.012 V"),
-        (-123456.0, 1200.0, "", "-123456 +- 1200"),
-        (0.0, 0.5, "K", "0.00 +- 0.50 K"),
-        (1e-9, 3e-8, "m", "(0.1 +- 3.0)e-08 m"),
+        (9.7123e-5, 1.2e-6, "rad/m", "(9.71 ± 0.12)e-05 rad/m"),
+        (12.3456, 0.0123, "V", "12.346 ± 0.012 V"),
+        (-123456.0, 1200.0, "", "-123456 ± 1200"),
+        (0.0, 0.5, "K", "0.00 ± 0.50 K"),
+        (1e-9, 3e-8, "m", "(0.1 ± 3.0)e-08 m"),
         (0.99999, 0.0, "1", "0.99999"),
         (1.0, None, "s", "1 s"),
         (math.nan, 1.0, "s", "not determined"),
@@ -157,7 +157,7 @@ def test_names_with_brackets_survive_the_terminal(capsys: pytest.CaptureFixture[
     )
     print_diagnosis(found, "store[1]")
     told = capsys.readouterr().out
-    for text in ("power2[bold]", "(9.71 +- 0.12)e-05 rad/m", "a step [red]", "inverse[x]: x is zero", "store[1]"):
+    for text in ("power2[bold]", "(9.71 ± 0.12)e-05 rad/m", "a step [red]", "inverse[x]: x is zero", "store[1]"):
         assert text in told
     assert "7 more" in told
     assert max(map(len, told.splitlines())) <= 80
@@ -193,7 +193,7 @@ def test_what_is_not_significant_is_told_with_what_would_have_shown() -> None:
     found = diagnosis("effect", rank("roll-gravity"), rank("yaw", p=0.3), suggested=("roll-gravity",))
     named, other = (row[0] for row in ranking_table(found, most=6).rows)
     assert "would show" not in named
-    assert "rho1 = (9.71 +- 0.12)e-05 rad/m" in other
+    assert "rho1 = (9.71 ± 0.12)e-05 rad/m" in other
     assert "would show from 4.5e-06 rad/m" in other
 
 

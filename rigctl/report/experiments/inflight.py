@@ -97,10 +97,10 @@ def _pulls(result_json: Mapping[str, Any]) -> ResultTable:
     rows = [[name, number(each["mean"], 2), number(each["rms"], 3)] for name, each in result_json["pulls"].items()]
     sentence = (
         f"Pulls of the joint estimate, exact truth, over {draws} calibrations: errors over the uncertainty of each "
-        f"one's budget. By chance means are 0 +- {number(draws**-0.5, 2)}, rms 1 +- {number((2 * draws) ** -0.5, 2)}."
+        f"one's budget. By chance means are 0 ± {number(draws**-0.5, 2)}, rms 1 ± {number((2 * draws) ** -0.5, 2)}."
     )
     spread = number((2.0 * chi2["expected"] / draws) ** 0.5, 2)
-    wanted = f"{chi2['expected']} +- {spread} expected"
+    wanted = f"{chi2['expected']} ± {spread} expected"
     notes = [f"chi-square of all ten with their covariance: {number(chi2['mean'], 4)}, {wanted}"]
     return ResultTable(sentence, ["parameter", "#mean", "#rms"], rows, notes=notes)
 

@@ -192,7 +192,7 @@ def _short(value: Mapping[str, float | None], unit: float) -> str:
     if mean is None or sigma is None:
         return "-"
     # The heading of the table has the power of ten.
-    return quantity(mean / unit, sigma / unit).replace(" +- ", "±")
+    return quantity(mean / unit, sigma / unit).replace(" ± ", "±")
 
 
 def _of_an_hour(value: Mapping[str, Any], unit: float) -> str:

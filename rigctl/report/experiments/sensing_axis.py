@@ -199,7 +199,7 @@ def _quick_check(check: Mapping[str, Any]) -> ResultTable:
         "verdict": "pass" if check["passed"] else "FAIL",
         "null, roll not allowed for": f"{check['theta0_deg']:+.4f} deg",
         "gain": f"{check['gain_v_per_m_s2']:.3f} V/(m/s2)",
-        "reversal (S+ + S-)/(S+ - S-)": f"{check['reversal']:+.2e} +- {check['reversal_sigma']:.1e}",
+        "reversal (S+ + S-)/(S+ - S-)": f"{check['reversal']:+.2e} ± {check['reversal_sigma']:.1e}",
         "main laser over encoder": "no main head" if scale is None else f"{scale:.5f}",
     }
     return ResultTable("Quick check", ["quantity", "value"], list(rows.items()), tab="Axes")

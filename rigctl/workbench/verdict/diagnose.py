@@ -117,7 +117,7 @@ def _impossible_effects(search: Search) -> dict[str, str]:
             with_it = search.attempt((*search.given, each.candidate.term))
             names = impossible_parameters(with_it, {effect}, search.alpha)
             found = {name: with_it.estimates()[name] for name in names}
-            told = [f"{name} = {one.value:.3g} +- {one.sigma:.2g} {one.unit}" for name, one in found.items()]
+            told = [f"{name} = {one.value:.3g} ± {one.sigma:.2g} {one.unit}" for name, one in found.items()]
             if told:
                 reasons[effect] = f"{', '.join(told)}: never negative"
     return reasons

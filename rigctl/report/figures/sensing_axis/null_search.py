@@ -56,7 +56,7 @@ def response_plate(name: str, fit: RecordingFit, runs: Sequence[RunObservables])
         f"Response in phase with the displacement, divided by gain and motion amplitude, against the stage's angle: "
         f"axis {first.axis}, {first.configuration}, mounting {first.mounting}. (a) All runs; (b) close to the null. "
         f"Points: runs with 1 sigma; lines: fitted model; diamond and band: the null theta0 = "
-        f"{math.degrees(null.theta0_rad):.5f} deg +- {null.theta0_sigma_rad / ARCSEC:.2f} arcsec; open markers: "
+        f"{math.degrees(null.theta0_rad):.5f} deg ± {null.theta0_sigma_rad / ARCSEC:.2f} arcsec; open markers: "
         f"where each frequency alone would put it."
     )
     return Plate(name, caption, _rows(fit, null, runs), draw_response)
