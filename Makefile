@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup certificates flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
+.PHONY: setup certificates console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -95,6 +95,13 @@ wire-dialects: setup
 	mkdir -p out
 	rm -f out/wire-dialects.md
 	RIGCTL_WIRE_DIALECTS=$(CURDIR)/out/wire-dialects.md OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 tests/campaigns/test_dialects_over_the_wire.py
+
+# The console's screens in docs/console.md: half a minute.
+console-pictures: setup
+	mkdir -p out
+	rm -f out/one-axis.rig.sqlite*
+	$(BIN)/rigctl run campaigns/one-axis.toml --store out/one-axis.rig.sqlite --yes
+	$(BIN)/python -m tests.console.draw out/one-axis.rig.sqlite
 
 # The certificates that the README links, from campaigns on simulated instruments, a published table and a plug-in: two minutes, a browser.
 CERTIFIED := isa-flight-model bias-rejection microscope
