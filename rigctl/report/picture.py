@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from rigctl.core.arrays import FloatArray
+
+Scale = Literal["linear", "log", "symlog"]
 
 MARKS = ("o", "x", "+", "#", "*", "@")
 
@@ -22,7 +25,11 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What a plot shows; ranges are found from the data where none are given."""
+    """What a plot shows; ranges are found from the data where none are given.
+
+    Values, ranges and levels are what they are on an axis of any scale; a logarithmic one leaves out what is not
+    positive, "symlog" is linear within one and logarithmic to either side.
+    """
 
     title: str
     lines: tuple[Line, ...] = ()
@@ -32,3 +39,5 @@ class Picture:
     levels: tuple[tuple[float, str], ...] = ()
     """Horizontal dotted lines, each with what it means."""
     empty: str = "no data yet"
+    x_scale: Scale = "linear"
+    y_scale: Scale = "linear"

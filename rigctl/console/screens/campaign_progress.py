@@ -123,10 +123,10 @@ class ProgressPage(Page):
         history[search["runs"]] = search["sigma_arcsec"]
         self.query_one("#null-search", Plot).show(search["picture"])
         counts = np.array(sorted(history), dtype=float)
-        sigmas = np.log10([history[runs] for runs in sorted(history)])
-        title = f"log σ(θ0) / arcsec: {search['sigma_arcsec']:.2f}″ after {search['runs']} runs"
+        sigmas = np.array([history[runs] for runs in sorted(history)])
+        title = f"σ(θ0) / arcsec: {search['sigma_arcsec']:.2f}″ after {search['runs']} runs"
         lines = (Line(counts, sigmas), Line(counts, sigmas, mark="o"))
-        self.query_one("#sigma", Plot).show(Picture(title, lines, "runs"))
+        self.query_one("#sigma", Plot).show(Picture(title, lines, "runs", y_scale="log"))
 
     def _show_steps(self, view: StoreView) -> None:
         shape = (view.path, len(view.runs), view.state, view.status.get("step"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 
@@ -105,15 +104,13 @@ class Charts(Grid):
     def _show_spectrum(
         self, frequency_hz: FloatArray, density: FloatArray, gain: float, unit: str, target: float | None
     ) -> None:
-        # The density of constant readings is zero; its logarithm is left out below.
-        with np.errstate(divide="ignore"):
-            x, y = np.log10(frequency_hz), np.log10(density / gain)
-        keep = np.isfinite(y)
-        levels = ((math.log10(target), "required"),) if target else ()
-        heights = [*y[keep].tolist(), *(level for level, _ in levels)]
-        y_range = (min(heights), max(heights)) if target and keep.any() else None
-        title = f"spectrum / {unit}/√Hz, log"
-        picture = Picture(title, (Line(x[keep], y[keep]),), "log f / Hz", y_range=y_range, levels=levels)
+        heights = density / gain
+        levels = ((target, "required"),) if target else ()
+        shown = [*heights[heights > 0.0].tolist(), *(level for level, _ in levels)]
+        y_range = (min(shown), max(shown)) if target and len(shown) > 1 else None
+        line = Line(frequency_hz, heights)
+        title = f"spectrum / {unit}/√Hz"
+        picture = Picture(title, (line,), "f / Hz", y_range=y_range, levels=levels, x_scale="log", y_scale="log")
         self.query_one("#chart-spectrum", Plot).show(picture)
         noise = _noise_text(median_density(frequency_hz, density / gain, *NOISE_BAND_HZ), unit, target)
         if noise != self._noise:

@@ -108,13 +108,10 @@ class WorkbenchPane(Vertical):
         lines = []
         for place, (name, points) in enumerate(list(residuals["series"].items())[:MAX_SERIES]):
             x, y = (np.array([point[i] for point in points]) for i in (0, 1))
-            # Residuals of a wrong model reach hundreds of sigma: logarithmic to either side, linear within one.
-            lines.append(Line(x, np.sign(y) * np.log10(1.0 + np.abs(y)), name, MARKS[place], place))
-        levels = tuple(
-            (float(np.sign(s) * np.log10(1 + abs(s))), f"{s:+d}σ" if s else "0")
-            for s in (-100, -10, -3, 0, 3, 10, 100)
-        )
-        picture = Picture("residuals, ±log(1+σ)", tuple(lines), residuals["label"], levels=levels)
+            lines.append(Line(x, y, name, MARKS[place], place))
+        levels = ((-3.0, "-3σ"), (0.0, "0"), (3.0, "+3σ"))
+        # Residuals of a wrong model reach hundreds of sigma.
+        picture = Picture("residuals / σ", tuple(lines), residuals["label"], levels=levels, y_scale="symlog")
         self.query_one("#residuals", Plot).show(picture)
 
     def show_diagnosis(self, diagnosis: Document) -> None:
@@ -159,9 +156,9 @@ class WorkbenchPane(Vertical):
             if known:
                 x, y = (np.array([point[i] for point in known]) for i in (0, 1))
                 # A line and its marks; the legend needs the name once.
-                lines += [Line(x, np.log10(y), "", "", place), Line(x, np.log10(y), name, MARKS[place], place)]
+                lines += [Line(x, y, "", "", place), Line(x, y, name, MARKS[place], place)]
         versions = (rungs[0]["version"] - 0.5, rungs[-1]["version"] + 0.5) if rungs else None
-        picture = Picture("log error, 0 = noise", tuple(lines), "version", versions, levels=((0.0, "noise"),))
+        picture = Picture("error / noise", tuple(lines), "version", versions, levels=((1.0, "noise"),), y_scale="log")
         self.query_one("#ladder-plot", Plot).show(picture)
 
     def show_next(self, recommendation: Document) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from rich.segment import Segment
@@ -14,8 +14,9 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned
+from rigctl.console.widgets.ticks import on_scale, ticks_of
 from rigctl.core.arrays import FloatArray
-from rigctl.report.picture import Line, Picture
+from rigctl.report.picture import Line, Picture, Scale
 
 ON_DARK = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
 ON_LIGHT = ("#0072b2", "#b35900", "#00795a", "#a0527d", "#d55e00", "#2a7fb0")
@@ -29,7 +30,11 @@ Row = tuple[tuple[str, Style], ...]
 
 Palette = tuple[Style, ...]
 
+_Range = tuple[float, float]
+
 _LABEL_WIDTH = 8
+# Rows from one tick to the next, and columns, labels between them.
+_ROWS_PER_TICK, _COLUMNS_PER_TICK = 3, 14
 _FLAT = 1e-3
 """Half the height of an axis on which nothing changes."""
 
@@ -40,6 +45,21 @@ class _Area:
     height: int
     x: tuple[float, float]
     y: tuple[float, float]
+    x_scale: Scale = "linear"
+    y_scale: Scale = "linear"
+
+    @property
+    def rows(self) -> dict[int, str]:
+        """Labels of the upright axis by row; two rows that are one get one label."""
+        found = ticks_of(self.y_scale, *self.y, max(2, self.height // _ROWS_PER_TICK))
+        return {row: each.label for each in found if 0 <= (row := _row(each.at, self)) < self.height}
+
+    @property
+    def columns(self) -> dict[int, str]:
+        """Labels of the level axis by column."""
+        found = ticks_of(self.x_scale, *self.x, max(2, self.width // _COLUMNS_PER_TICK))
+        places = scaled(np.array([each.at for each in found]), *self.x, self.width)
+        return {round(place): each.label for place, each in zip(places.tolist(), found, strict=True)}
 
 
 @dataclass
@@ -130,7 +150,8 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     """A picture as `height` rows, none wider than `width`."""
     if height < 1:
         return []
-    lines = [line for line in picture.lines if np.isfinite(line.y).any()]
+    picture = _on_its_scales(picture)
+    lines = [line for line in picture.lines if (np.isfinite(line.x) & np.isfinite(line.y)).any()]
     # A long legend must leave room for the plot.
     heading = _heading(picture, lines, width, palette)[: 1 + height // 8]
     rows = height - len(heading) - (1 if picture.x_label or picture.x_range else 0)
@@ -141,8 +162,11 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
         text = f"{'':{_LABEL_WIDTH}} {picture.empty}"[:width]
         return [*heading, ((text, DIM),), *[()] * (height - len(heading) - 1)]
     across = _range(picture.x_range, [line.x for line in lines], _x_margin(lines))
-    area = _Area(columns, rows, across, _range(picture.y_range, [line.y for line in lines], 0.05))
+    upright = _range(picture.y_range, [line.y for line in lines], 0.05)
+    area = _Area(columns, rows, across, upright, picture.x_scale, picture.y_scale)
+    labels = area.rows
     sheet = _Sheet(area, palette)
+    _draw_grid(sheet, labels)
     _draw_levels(sheet, picture.levels)
     # Lines first: a mark must not be drawn over.
     for line in lines:
@@ -150,7 +174,6 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     for line in lines:
         _draw_marks(sheet, line)
     _name_levels(sheet, picture.levels)
-    labels = _labels(area)
     plotted: list[Row] = [
         ((f"{labels.get(row, ''):>{_LABEL_WIDTH}}{'┤' if row in labels else '│'}", DIM), *sheet.row(row))
         for row in range(rows)
@@ -192,6 +215,41 @@ def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], marg
 def _x_margin(lines: Sequence[Line]) -> float:
     """Marks stand clear of the axis; a strip of time needs all the room."""
     return 0.03 if any(line.mark for line in lines) else 0.0
+
+
+def _on_its_scales(picture: Picture) -> Picture:
+    """The same with all values as they stand on the axes."""
+
+    def x(values: FloatArray) -> FloatArray:
+        return on_scale(picture.x_scale, values)
+
+    def y(values: FloatArray) -> FloatArray:
+        return on_scale(picture.y_scale, values)
+
+    levels = zip(y(np.array([level for level, _ in picture.levels])), picture.levels, strict=True)
+    return replace(
+        picture,
+        lines=tuple(replace(line, x=x(line.x), y=y(line.y)) for line in picture.lines),
+        x_range=_ends(x, picture.x_range),
+        y_range=_ends(y, picture.y_range),
+        levels=tuple((float(at), meaning) for at, (_, meaning) in levels if math.isfinite(at)),
+    )
+
+
+def _ends(
+    on_axis: Callable[[FloatArray], FloatArray], given: tuple[float, float] | None
+) -> tuple[float, float] | None:
+    if given is None:
+        return None
+    low, high = on_axis(np.array(given)).tolist()
+    return low, high
+
+
+def _draw_grid(sheet: _Sheet, rows: Iterable[int]) -> None:
+    """A dot where ticks of both axes cross."""
+    for row in rows:
+        for column in sheet.area.columns:
+            sheet.put(row, column, "·", DIM)
 
 
 def _draw_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
@@ -241,25 +299,14 @@ def _draw_marks(sheet: _Sheet, line: Line) -> None:
             sheet.put(_row(float(value), area), round(float(column)), line.mark, _ink(line, sheet.palette))
 
 
-def _labels(area: _Area) -> dict[int, str]:
-    low, high = area.y
-    rows = (0, area.height - 1) if area.height < 5 else (0, area.height // 2, area.height - 1)
-    if area.height < 2:
-        return {0: _short(0.5 * (low + high), high - low)}
-    return {row: _short(high - row / (area.height - 1) * (high - low), high - low) for row in rows}
-
-
 def _x_axis(picture: Picture, area: _Area) -> str:
-    low, high = (_short(each, area.x[1] - area.x[0]) for each in area.x)
-    middle = picture.x_label[: max(area.width - len(low) - len(high) - 2, 0)]
-    gap = area.width - len(low) - len(high)
-    return f"{'':{_LABEL_WIDTH}} {low}{middle:^{max(gap, 0)}}{high}"
-
-
-def _short(value: float, span: float) -> str:
-    """With as many digits as the axis' span asks for, in at most seven characters."""
-    digits = max(0, 2 - math.floor(math.log10(span))) if span > 0 else 3
-    text = f"{value:.{min(digits, 6)}f}"
-    if float(text) == 0.0:
-        text = "0" if abs(value) < 1e-3 * span else text
-    return text if len(text) <= 7 and (float(text) != 0.0 or text == "0") else f"{value:.1e}"
+    """Labels at their ticks, then what the axis is, as far as there is room."""
+    name = f" {picture.x_label}"[: max(area.width - 2, 0)] if picture.x_label else ""
+    axis = [" "] * (_LABEL_WIDTH + 1 + area.width - len(name))
+    taken = -1
+    for column, label in area.columns.items():
+        first = _LABEL_WIDTH + 1 + column - len(label) // 2
+        if first > taken and first + len(label) <= len(axis):
+            axis[first : first + len(label)] = label
+            taken = first + len(label)
+    return "".join(axis) + name
