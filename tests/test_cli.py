@@ -459,6 +459,19 @@ def test_no_help_needs_what_the_commands_work_with() -> None:
     assert not [name for name in ("numpy", "sqlite3", "scipy", "textual", "matplotlib") if f"'{name}'" in told]
 
 
+def test_what_asks_for_the_state_of_a_campaign_loads_no_arithmetic(done: Any) -> None:
+    code = (
+        "import sys\nfrom rigctl.cli import main\n"
+        f"sys.argv = ['rigctl', 'status', {str(done.store)!r}]\n"
+        "try:\n    main()\nfinally:\n    print(sorted({name.split('.')[0] for name in sys.modules}))\n"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=done.directory
+    ).stdout
+    assert told.startswith("done")
+    assert not [name for name in ("numpy", "scipy", "numba", "textual", "matplotlib") if f"'{name}'" in told]
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "stream"), [(["--help"], 0, "stdout"), (["check", "none.toml"], 2, "stderr")]
 )

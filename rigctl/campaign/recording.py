@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
+
+if TYPE_CHECKING:
+    from rigctl.core.arrays import FloatArray
 
 READINGS = "readings"
 """The run that holds the readings of a `table` recording: numbers as samples, text columns as conditions."""

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from rigctl.core.arrays import FloatArray
 from rigctl.core.findings import Finding
 from rigctl.core.limits import LinearLimits, RotationLimits
+
+if TYPE_CHECKING:
+    from rigctl.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)

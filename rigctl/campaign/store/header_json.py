@@ -6,8 +6,6 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
 
 
@@ -17,8 +15,9 @@ def dumps(value: Any) -> str:
 
 
 def _plain(value: object) -> Any:
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
+    # Told without numpy: what only asks a store for its state does not load it.
+    if type(value).__module__ == "numpy" and (as_list := getattr(value, "tolist", None)):
+        return as_list()
     raise TypeError(f"{type(value).__name__} cannot be kept as JSON")
 
 

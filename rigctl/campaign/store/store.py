@@ -12,7 +12,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.store import schema
@@ -20,12 +20,13 @@ from rigctl.campaign.store.checked_rows import CheckedRows, Row
 from rigctl.campaign.store.entries import Document, Event
 from rigctl.campaign.store.header_json import dumps, header_from_json
 from rigctl.campaign.store.opening import create_file, open_file
-from rigctl.campaign.store.run_writer import RunWriter
-from rigctl.campaign.store.samples import joined_columns, last_samples, sample_pieces
-from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import DataError
 from rigctl.core.interfaces import Identity
+
+if TYPE_CHECKING:
+    from rigctl.campaign.store.run_writer import RunWriter
+    from rigctl.core.arrays import FloatArray
 
 _WITH_REDUCTIONS = 2
 
@@ -88,6 +89,9 @@ class Store:
             number, name = self._next_run(run_id)
             record = RunRecord(name, key, step, dict(conditions), state="acquiring")
             self._rows.begin_run(number, name, key, step, dumps(record.conditions), 1, "", record.state, None)
+        # Imported where it is used, here and below: what only asks for a store's state does not wait for numpy.
+        from rigctl.campaign.store.run_writer import RunWriter
+
         return RunWriter(self._rows, number, record)
 
     def _next_run(self, run_id: str | None) -> tuple[int, str]:
@@ -135,6 +139,8 @@ class Store:
         An interrupted run's columns may differ in length. `DataError` for an unknown run, `DamagedStore` when a
         finished run's are not as they were written.
         """
+        from rigctl.campaign.store.samples import joined_columns
+
         return joined_columns(self._rows.samples(self._run(run_id)))
 
     def sample_chunks(self, run_id: str) -> Iterator[dict[str, FloatArray]]:
@@ -143,10 +149,14 @@ class Store:
         What the columns of an interrupted run do not share is left out. `DataError` for an unknown run,
         `DamagedStore` as `samples`, before the first piece.
         """
+        from rigctl.campaign.store.samples import sample_pieces
+
         return sample_pieces(self._rows, self._run(run_id))
 
     def last_samples(self, run_id: str, count: int) -> dict[str, FloatArray]:
         """At most the last `count` of every column, not verified, without reading the whole of a long run."""
+        from rigctl.campaign.store.samples import last_samples
+
         return last_samples(self._rows, self._run(run_id), count)
 
     def mark(self, run_id: str, valid: bool, reason: str) -> None:
