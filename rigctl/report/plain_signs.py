@@ -31,7 +31,7 @@ def on_standard_streams() -> None:
     """From now on nothing that is printed fails for its encoding: see `SIGNS`."""
     codecs.register_error(_NAME, _plain)
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
+        if isinstance(stream, io.TextIOWrapper) and codecs.lookup(stream.encoding).name != "utf-8":
             stream.reconfigure(errors=_NAME)
 
 

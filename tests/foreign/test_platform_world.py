@@ -229,6 +229,7 @@ def test_a_trial_scores_what_was_said() -> None:
         response="",
         compare={"p_value": 1e-9},
         diagnose={"verdict": "effect", "suggested": ["recovery", "line"], "ranking": ranking, "unexplained": None},
+        again={},
         after={"p_value": 0.5},
         fit={"parameters": told},
         history=[{"error_fit": 1.0, "error_held_out": 1.0}],
