@@ -190,6 +190,16 @@ class _State:
         return np.asarray(root @ root.T)
 
 
+def _lengths(columns: FloatArray) -> FloatArray:
+    """Lengths of columns, of those too whose squares overflow: an exponential far from its data."""
+    with np.errstate(over="ignore"):
+        lengths = np.linalg.norm(columns, axis=0)
+    if not np.isfinite(lengths).all():
+        largest = np.maximum(np.abs(columns).max(axis=0), np.finfo(np.float64).tiny)
+        lengths = largest * np.linalg.norm(columns / largest, axis=0)
+    return np.asarray(lengths)
+
+
 class _Problem:
     def __init__(
         self, residuals: Function, parameters: tuple[Parameter, ...], jacobian: Function, rcond: float
@@ -231,10 +241,11 @@ class _Problem:
     def linearise(self, p: FloatArray, r: FloatArray) -> _State:
         J = self._derivative(p, r)
         # Held only while chi-squared falls beyond the limit: decided anew at every point, a parameter may come back.
-        at_limit = self._pushed_to_limit(p, J.T @ r)
+        with np.errstate(over="ignore"):
+            at_limit = self._pushed_to_limit(p, J.T @ r)
         active = np.flatnonzero(self.free & ~at_limit)
         columns = J[:, active]
-        norms = np.linalg.norm(columns, axis=0)
+        norms = _lengths(columns)
         # Columns of unit length: the rank then depends on how alike columns are and not on the parameters' units.
         scale = np.where(norms > 0.0, norms, 1.0)
         # The decomposition is then of a matrix of the parameters' size, whatever the number of data.

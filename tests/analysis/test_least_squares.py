@@ -245,3 +245,13 @@ class TestRefusals:
 def test_importing_the_fits_does_not_import_scipy():
     code = "import sys, rigctl.analysis, rigctl.analysis; sys.exit('scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False, cwd=".").returncode == 0
+
+
+def test_a_derivative_whose_square_overflows_is_a_column_like_others() -> None:
+    """Steep beyond 1e154 per unit: the fit ends where it should, and nothing is warned of."""
+    x = np.linspace(1.0, 2.0, 8)
+    parameters = [Parameter("steep", start=0.9e-200), Parameter("level", start=0.0)]
+    slopes = np.column_stack([-1e200 * x, -np.ones(8)])
+    found = least_squares(lambda p: 3.0 + x + slopes @ p, parameters, jacobian=lambda _: slopes)
+    assert found.verdict == "converged"
+    np.testing.assert_allclose(found.values, [1e-200, 3.0], rtol=1e-9)
