@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rigctl.report.quantities import number, probability, share
+from rigctl.report.quantities import counted, number, probability, share
 from rigctl.report.tables.result_table import ResultTable
 
 Content = Mapping[str, Any]
@@ -319,8 +319,8 @@ def _basis(content: Content) -> Iterator[str | ResultTable]:
     yield f"SHA-256 over all of it: {content['basis_sha256']}"
     yield ResultTable("", ["file or record", "SHA-256"], rows)
     yield (
-        f"{len(runs)} runs, {valid} of them valid, in {basis['store']}; the hash of every run's samples and "
-        "conditions is in the data this certificate carries. `rigctl verify` compares them with a store."
+        f"{counted(len(runs), 'run')}, {valid} of them valid, in {basis['store']}; the hash of every run's samples "
+        "and conditions is in the data this certificate carries. `rigctl verify` compares them with a store."
     )
     software = content["software"]
     yield f"Made by {software['name']} {software['version']}."
