@@ -165,6 +165,11 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     upright = _range(picture.y_range, [line.y for line in lines], 0.05)
     area = _Area(columns, rows, across, upright, picture.x_scale, picture.y_scale)
     labels = area.rows
+    # Digits that tell a quiet voltmeter's ticks apart need room: a label is never cut.
+    margin = max(_LABEL_WIDTH, *map(len, labels.values()), 0)
+    area = replace(area, width=width - margin - 1)
+    if area.width < 1:
+        return [((picture.title[:width], PLAIN),)] + [()] * (height - 1)
     sheet = _Sheet(area, palette)
     _draw_grid(sheet, labels)
     _draw_levels(sheet, picture.levels)
@@ -175,10 +180,10 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
         _draw_marks(sheet, line)
     _name_levels(sheet, picture.levels)
     plotted: list[Row] = [
-        ((f"{labels.get(row, ''):>{_LABEL_WIDTH}}{'┤' if row in labels else '│'}", DIM), *sheet.row(row))
+        ((f"{labels.get(row, ''):>{margin}}{'┤' if row in labels else '│'}", DIM), *sheet.row(row))
         for row in range(rows)
     ]
-    axis: list[Row] = [((_x_axis(picture, area), DIM),)] if height - len(heading) > rows else []
+    axis: list[Row] = [((_x_axis(picture, area, margin), DIM),)] if height - len(heading) > rows else []
     return [*heading, *plotted, *axis]
 
 
@@ -299,13 +304,13 @@ def _draw_marks(sheet: _Sheet, line: Line) -> None:
             sheet.put(_row(float(value), area), round(float(column)), line.mark, _ink(line, sheet.palette))
 
 
-def _x_axis(picture: Picture, area: _Area) -> str:
+def _x_axis(picture: Picture, area: _Area, margin: int) -> str:
     """Labels at their ticks, then what the axis is, as far as there is room."""
     name = f" {picture.x_label}"[: max(area.width - 2, 0)] if picture.x_label else ""
-    axis = [" "] * (_LABEL_WIDTH + 1 + area.width - len(name))
+    axis = [" "] * (margin + 1 + area.width - len(name))
     taken = -1
     for column, label in area.columns.items():
-        first = _LABEL_WIDTH + 1 + column - len(label) // 2
+        first = margin + 1 + column - len(label) // 2
         if first > taken and first + len(label) <= len(axis):
             axis[first : first + len(label)] = label
             taken = first + len(label)
