@@ -128,20 +128,20 @@ class Workbench:
         if version.version not in self._attempts:
             held = versions.still_held(self.store, version)
             made = account.attempt(self.study, version.terms, version.start, held)
-            parent = self._nested_parent(version)
-            if parent is not None and made.result.chi2 > parent.result.chi2 * (1.0 + SAME):
+            parent = self._parent(version)
+            nested = parent is not None and all(term in version.terms for term in parent.terms)
+            if parent is not None and nested and made.result.chi2 > parent.result.chi2 * (1.0 + SAME):
                 # From where it was promised, beside other terms, the way led to a minimum of another kind.
                 made = account.attempt(self.study, version.terms, parent.values, held)
             self._attempts[version.version] = made
         return self._attempts[version.version]
 
-    def _nested_parent(self, version: ModelVersion) -> Attempt | None:
-        """The fit of the version it was made from; None where that has other terms besides, or cannot be fitted."""
+    def _parent(self, version: ModelVersion) -> Attempt | None:
+        """The fit of the version it was made from; None where there is none, or it cannot be fitted."""
         if version.parent is None:
             return None
         parent = versions.versions(self.store)[version.parent - 1]
-        nested = all(term in version.terms for term in parent.terms)
-        return self._attempt_if_fit(parent) if nested and parent.can_be_used_with(self.plugin_files) else None
+        return self._attempt_if_fit(parent) if parent.can_be_used_with(self.plugin_files) else None
 
     def _optimum(self, version: ModelVersion) -> Optimum:
         """Where a version is likeliest; no less likely than any version with some of its terms."""
@@ -172,7 +172,7 @@ class Workbench:
         """What speaks against a version's fit: a promise that is not kept, runs held out that it predicts worse."""
         from rigctl.workbench.verdict.promise import warnings
 
-        parent = None if version.added is None else self._nested_parent(version)
+        parent = None if version.added is None else self._parent(version)
         return warnings(self.attempt(version), parent, version.start)
 
     def _usable_versions(self) -> list[ModelVersion]:
