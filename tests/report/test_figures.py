@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from rigctl.core.errors import DataError
 from rigctl.experiments.sensing_axis.result.budget import axis_budgets
 from rigctl.report.figures.data import Plate, svg_element, write_plates
+from rigctl.report.figures.residuals import ResidualRow, draw_residuals
 from rigctl.report.figures.sensing_axis.figures import plates_of
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
 from rigctl.report.figures.sensing_axis.plane import plane_plate
@@ -280,3 +281,25 @@ def test_the_first_cycles_of_the_run_that_answers_most_stand_beside_their_sine(t
     assert f"run {strongest.run_id}" in plate.caption
     for label in ("stage / mm", "accelerometer / V", "time / s"):
         assert label in plate.svg
+
+
+def residuals_of(per_series: int) -> list[ResidualRow]:
+    """Eight series of two channels."""
+    names = [("2 m_dx", f"{k} f cosine") for k in range(6)] + [("own channel", "sine"), ("own channel", "cosine")]
+    rows = (
+        ResidualRow("start_s", 1.0 * at, "", 1, "", *name, "1", 0.5) for name in names for at in range(per_series)
+    )
+    return list(rows)
+
+
+@pytest.mark.parametrize(
+    ("per_series", "panels"),
+    [(2, ["2 m_dx", "own channel"]), (20, [f"2 m_dx\n{k} f cosine" for k in range(4)])],
+)
+def test_series_of_few_data_are_drawn_together_by_channel(per_series: int, panels: list[str]) -> None:
+    figure = draw_residuals(residuals_of(per_series))
+    assert [axes.get_ylabel() for axes in figure.axes] == panels
+    points = sum(
+        np.size(line.get_xdata()) for axes in figure.axes for line in axes.lines if line.get_marker() != "None"
+    )
+    assert points == {2: 16, 20: 80}[per_series]

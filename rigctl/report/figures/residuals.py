@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +20,9 @@ from rigctl.workbench.verdict.covariates import distinct
 
 MAX_SERIES = 4
 """Series shown, the worst ones: a report is read, not searched; the CSV has them all."""
+
+FEWEST_POINTS = 6
+"""With fewer data a series shows nothing against a covariate; those of its channel are one picture then."""
 
 LINEAR_SIGMA = 3.0
 """Up to here the scale is linear, beyond logarithmic: one picture for 1 sigma and for 1000."""
@@ -72,7 +76,8 @@ def residual_plate(covariate: str, comparisons: Sequence[Comparison]) -> Plate[R
     rows.sort(key=lambda row: -misfit.get((row.channel, row.component), 0.0))
     caption = (
         f"Residuals (data − model) in units of their noise against {axis_label(covariate)}, by version of the model; "
-        f"up to {MAX_SERIES} series, the worst under the first version. Band: ±{LINEAR_SIGMA:g} sigma; beyond it the "
+        f"up to {MAX_SERIES} series, the worst under the first version; a channel whose series have fewer than "
+        f"{FEWEST_POINTS} data each is one. Band: ±{LINEAR_SIGMA:g} sigma; beyond it the "
         "scale is logarithmic."
     )
     return Plate(f"residuals_{file_name(covariate)}", caption, rows, draw_residuals)
@@ -100,7 +105,8 @@ def _rows(covariate: str, comparison: Comparison) -> Iterator[ResidualRow]:
 
 
 def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
-    """A row of panels per series, a column per version."""
+    """A row of panels per series, a column per version; series of few data are together, by channel."""
+    rows = _together(rows)
     series = list(dict.fromkeys((row.channel, row.component) for row in rows))[:MAX_SERIES]
     versions = sorted({row.version: row.effects for row in rows}.items())
     figure = new_figure(0.8 + 1.1 * len(series))
@@ -135,6 +141,15 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
     figure.align_ylabels(panels[:, 0])
     figure.supylabel("residual / σ", fontsize=8)
     return figure
+
+
+def _together(rows: Sequence[ResidualRow]) -> Sequence[ResidualRow]:
+    data = Counter((row.channel, row.component, row.version) for row in rows)
+    if len({row.channel for row in rows}) == len({(row.channel, row.component) for row in rows}):
+        return rows
+    if np.median(list(data.values())) >= FEWEST_POINTS:
+        return rows
+    return [replace(row, component="") for row in rows]
 
 
 def _heading(version: int, effects: str) -> str:
