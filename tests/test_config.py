@@ -253,6 +253,19 @@ def test_another_world_has_another_hash_and_none_has_none() -> None:
     assert parse_rig(base, Path("r")).world_sha256 is None
 
 
+def test_another_file_under_the_same_name_is_another_world(tmp_path: Path) -> None:
+    base = f'[instruments]\n[rig]\nname = "x"\n[world]\nseed = 1\n[world.drag]\nfile = "{tmp_path / "drag.csv"}"\n'
+    rig_file = parse_rig(base, Path("r"))
+    hashes = set()
+    for text in ("t_s,accel_x_m_s2\n0,1e-8\n", "t_s,accel_x_m_s2\n0,2e-8\n"):
+        (tmp_path / "drag.csv").write_text(text)
+        hashes.add(rig_file.world_sha256)
+    assert len(hashes) == 2
+    (tmp_path / "drag.csv").unlink()
+    with pytest.raises(ConfigError, match="drag.csv, which the world names, cannot be read"):
+        assert rig_file.world_sha256
+
+
 @pytest.mark.parametrize(
     "written",
     [

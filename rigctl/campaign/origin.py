@@ -31,7 +31,9 @@ def rig_file_of(store: Store, *, with_world: bool = False) -> RigFile:
     rig_file = parse_rig(text, store.path)
     # A world edited since would measure the rest of the campaign in another nature.
     if with_world and rig_file.world_sha256 != store.header.world_sha256:
-        raise DataError(f"{truth} is not the world {store.path} was measured in; restore the original")
+        raise DataError(
+            f"{truth}, or a file that it names, is not the world {store.path} was measured in; restore the original"
+        )
     return rig_file
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+from collections.abc import Iterator, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -102,10 +103,21 @@ class RigFile(Table):
 
     @property
     def world_sha256(self) -> str | None:
-        """Hash of the simulated world's text; None for a real rig."""
+        """Hash of the simulated world's text and of the files that it names; None for a real rig.
+
+        `ConfigError` for a file that cannot be read.
+        """
         # Of the text, not of its values: the text is what is kept beside the store.
         text = only_tables(self.text, "world")
-        return hashlib.sha256(text.encode()).hexdigest() if text else None
+        if not text:
+            return None
+        digest = hashlib.sha256(text.encode())
+        for file in _files_named(self.world or {}):
+            try:
+                digest.update(file.read_bytes())
+            except OSError as error:
+                raise ConfigError(f"{file}, which the world names, cannot be read: {error.strerror}") from error
+        return digest.hexdigest()
 
     def with_wire_log(self, directory: Path | None) -> RigFile:
         """The same rig with its wires logged to `directory`; as it is for None."""
@@ -135,6 +147,14 @@ class RigFile(Table):
     def constant(self, name: str, default: float) -> float:
         """Value of a constant, or the default."""
         return self.constants[name].value if name in self.constants else default
+
+
+def _files_named(table: Mapping[str, Any]) -> Iterator[Path]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _files_named(value)
+        elif key == "file":
+            yield Path(value)
 
 
 def read_rig(path: Path) -> RigFile:
