@@ -16,7 +16,7 @@ from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.model.alike_biases import READING, AlikeBiases, alike_biases, is_curve
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, turned
-from rigctl.experiments.rotating_platform.model.recorded_runs import OF_A_RUN, SHARED, Recorded
+from rigctl.experiments.rotating_platform.model.recorded_runs import MISMATCH, OF_A_RUN, SHARED, Recorded
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.other_minima import OtherMinimum
 from rigctl.workbench.placed import (
@@ -47,10 +47,13 @@ class PlatformModel:
         fixed = () if recorded.tilted else SHARED[:1]
         names = [*SHARED, *(f"{name}[{run_id}]" for name in OF_A_RUN for run_id in runs)]
         units = ["1", "m/s2", "m/s2", *(["m/s2"] * 2 * len(runs)), *(["m/s3"] * 2 * len(runs))]
+        start = recorded.start.tolist()
+        if recorded.off_stops is not None:
+            names, units, start = [*names, MISMATCH], [*units, "1"], [*start, 0.0]
         added = [parameter for each in self.placed for parameter in each.parameters]
         self._baseline_size = len(names)
         self.parameters: Sequence[Parameter] = (
-            *(Parameter(n, start, fixed=n in fixed) for n, start in zip(names, recorded.start.tolist(), strict=True)),
+            *(Parameter(n, at, fixed=n in fixed) for n, at in zip(names, start, strict=True)),
             *(fit_parameter(each) for each in added),
         )
         self.units: Sequence[str] = (*units, *(each.unit for each in added))
@@ -68,8 +71,16 @@ class PlatformModel:
     def predict(self, values: FloatArray) -> FloatArray:
         """The data for parameter values of shape (m,); shape (n,)."""
         values = np.asarray(values, dtype=np.float64)
-        predicted = self.recorded.baseline @ values[: self._baseline_size] + self.recorded.commanded_y
+        recorded = self.recorded
+        predicted = recorded.baseline @ values[: recorded.start.size] + recorded.commanded_y
+        if recorded.off_stops is not None:
+            gain = self._mismatched(values[recorded.start.size])
+            predicted = predicted + gain * (recorded.off_stops @ np.append(values[: len(SHARED)], 1.0))
         return np.asarray(predicted + self.added(values))
+
+    def _mismatched(self, mismatch: float) -> FloatArray:
+        """By how much each datum's chain reads more of the other's acceleration than that chain does, shape (n,)."""
+        return np.where(self.recorded.of_z, 1.0 / (1.0 + mismatch) - 1.0, mismatch)
 
     def added(self, values: FloatArray) -> FloatArray:
         """What the effects add to the observables of the baseline; shape (n,)."""
@@ -131,7 +142,15 @@ class PlatformModel:
         """d predict / d values, shape (n, m)."""
         values = np.asarray(values, dtype=np.float64)
         derivatives = np.zeros((len(self.observations.value), values.size))
-        derivatives[:, : self._baseline_size] = self.recorded.baseline
+        recorded = self.recorded
+        derivatives[:, : recorded.start.size] = recorded.baseline
+        if recorded.off_stops is not None:
+            mismatch = values[recorded.start.size]
+            seen = recorded.off_stops @ np.append(values[: len(SHARED)], 1.0)
+            derivatives[:, recorded.start.size] = seen * np.where(recorded.of_z, -1.0 / (1.0 + mismatch) ** 2, 1.0)
+            derivatives[:, : len(SHARED)] += (
+                self._mismatched(mismatch)[:, None] * recorded.off_stops[:, : len(SHARED)]
+            )
         if not self.placed:
             return derivatives
         first = self._baseline_size

@@ -26,9 +26,14 @@ from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.study import Observations
 
 SHARED = ("tilt_gain", "accel_z0", "accel_y0")
+MISMATCH = "gain_mismatch"
+"""(1 + k_y) / (1 + k_z) - 1 of the chains: at the stops each reads its own axis only, between them both (eq. 3)."""
+
 OF_A_RUN = tuple(f"{kind}_{channel}" for kind in ("bias", "bias_rate") for channel in CHANNELS)
 # Share of the tilt's column that constant accelerations do not imitate.
 _SEPARABLE = 1e-3
+# Chains agree in their gains to better than this; what that does not move by a sigma tells nothing of it.
+_MISMATCHED = 0.1
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,26 @@ class Recorded:
             means, ramps = baseline_columns(each.run.cells, each.channel)
             added[rows] = each.reducer.of(means[:, 3:], ramps[:, 3:])[:, 0]
         return added
+
+    @cached_property
+    def off_stops(self) -> FloatArray | None:
+        """What each chain reads of the other's axis: columns by `SHARED` and what c_Y adds, shape (n, 4).
+
+        It goes with 1 + `MISMATCH` in Y, with one over that in Z. None where too few samples count off the stops.
+        """
+        columns = np.zeros((len(self._stacked.value), len(SHARED) + 1))
+        for each, rows in zip(self.channels, self.rows, strict=True):
+            means, ramps = baseline_columns(each.run.cells, each.channel)
+            other = [0, 1] if each.channel == "y" else [2, 3]
+            columns[rows, other] = each.reducer.of(means[:, other], ramps[:, other])
+        moved = columns @ np.append(self.start[: len(SHARED)], 1.0)
+        told = np.linalg.norm(moved / self._stacked.sigma)
+        return columns if _MISMATCHED * told > 1.0 else None
+
+    @property
+    def of_z(self) -> BoolArray:
+        """Which data are of the chain Z, shape (n,)."""
+        return self._is_of["z"]
 
     @cached_property
     def start(self) -> FloatArray:

@@ -27,7 +27,10 @@ from rigctl.experiments.rotating_platform.observe.store_reduction import Platfor
 _REWEIGHTED = 5
 # Of fewer none can be spared: then the first group stays, though a run may begin without a turn.
 _FEWEST_GROUPS = 6
-_RANK = 1e-12
+_RANK = 1e-5
+"""What columns of unit length differ by less is an encoder's noise, and what is fitted to it is noise."""
+_TOLD = 0.1
+"""A gain of a tilt, which is 1, is told by a run where its standard error is less."""
 _OWN_COMMAND = {"z": 0, "y": 3}
 """Which of the baseline's columns is the tilt commanded along a channel's axis."""
 
@@ -113,15 +116,18 @@ def _likelihood(reducer: Reducer) -> Likelihood:
         scale = np.nanstd(residuals, axis=1, keepdims=True)
         scale = np.where(scale > 0.0, scale, 1.0)
         matrix = (design / scale[:, :, None])[seen]
-        coefficients, *_ = np.linalg.lstsq(matrix, (outputs / scale)[seen], rcond=1e-12)
+        coefficients, *_ = np.linalg.lstsq(matrix, (outputs / scale)[seen], rcond=_RANK)
         residuals = outputs - design @ coefficients
     residuals = np.where(seen, residuals, 0.0)
-    spanned, sizes, _ = np.linalg.svd(matrix, full_matrices=False)
-    fitted_columns = np.zeros((*outputs.shape, int((sizes > _RANK * sizes[0]).sum())))
-    fitted_columns[seen] = spanned[:, : fitted_columns.shape[2]]
-    # The command along its own axis alone: columns that the outputs hardly tell would bring their own noise along.
-    command = _OWN_COMMAND[reducer.channel]
-    known = float(coefficients[command] / size[command]) if size[command] > 0.0 else 0.0
+    spanned, sizes, ways = np.linalg.svd(matrix, full_matrices=False)
+    rank = int((sizes > _RANK * sizes[0]).sum())
+    fitted_columns = np.zeros((*outputs.shape, rank))
+    fitted_columns[seen] = spanned[:, :rank]
+    # The command along its own axis alone, and where the outputs tell it: one that differs from what all periods have
+    # by an encoder's noise would bring its own noise along.
+    command, known = _OWN_COMMAND[reducer.channel], 0.0
+    if float(np.linalg.norm(ways[:rank, command] / sizes[:rank])) < _TOLD * size[command]:
+        known = float(coefficients[command] / size[command])
     sigma, dof = reducer.bin_scatter(known * columns[:, command], known * whole[:, command])
     return likelihood(
         reducer.sampled,
