@@ -19,7 +19,7 @@ FITTED = {
 def fitted_name(trial: Trial, effect: str, parameter: str, names: Collection[str]) -> str | None:
     stem, bracket, channel = parameter.partition("[")
     called = FITTED.get(stem, stem) + bracket + channel
-    candidates = [name for name in (f"{effect}:{called}", called) if name in names]
+    candidates = [name for name in (f"{effect}.{called}", called) if name in names]
     return candidates[0] if candidates else None
 
 

@@ -274,3 +274,10 @@ def test_a_trial_scores_what_was_said() -> None:
     said = summary([json.loads(json.dumps(score))])
     assert "one effect named      1 of 1" in said
     assert "nothing invented      0 of 1" in said
+
+
+def test_parameters_of_one_name_are_scored_each_with_its_own() -> None:
+    """A recovery and an asymmetry of the gain both have an e: in a fit of both the second is told by its effect's."""
+    parameters = ["e[z]", "gain-asymmetry.e[z]"]
+    assert PLATFORM.fitted_name(None, "gain-asymmetry", "e_abs[z]", parameters) == "gain-asymmetry.e[z]"
+    assert PLATFORM.fitted_name(None, "recovery", "e[z]", parameters) == "e[z]"
