@@ -22,7 +22,7 @@ from rigctl.experiments.rotating_platform.result.run_result import RunResult
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import INK, SOFT, SeriesStyle, new_figure, series_style
 
-_CURVE_S = np.geomspace(45.0, 3600.0, 40)
+_CURVE_S = np.geomspace(45.0, 3600.0, 100)
 _PERIOD = "modulation_period_s"
 
 
