@@ -133,9 +133,9 @@ def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable
         apart = pair["sigmas_apart"]
         if abs(apart or 0.0) >= least_sigmas:
             here, there = (quantity(pair[side]["value"], pair[side]["sigma"]) for side in ("here", "there"))
-            rows.append([name, here, there, pair["here"]["unit"], "-" if apart is None else f"{apart:+.1f}"])
+            rows.append([name, here, there, "-" if apart is None else f"{apart:+.1f}", pair["here"]["unit"]])
     title = "Parameters that differ" if least_sigmas else "Parameters"
-    return ResultTable(title, ["parameter", "here", "there", "unit", "#sigmas apart"], rows)
+    return ResultTable(title, ["parameter", "here", "there", "#sigmas apart", "unit"], rows)
 
 
 def _short(entry: Any) -> str:
