@@ -251,6 +251,20 @@ def test_an_encoders_noise_is_no_noise_of_the_readings(short_mask: tuple[Trial, 
     assert fit["chi2_per_dof"] == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / fit["dof"]))
 
 
+def test_what_the_temperature_bends_within_long_periods_is_no_noise(tmp_path: Path) -> None:
+    """Ten runs, two of three periods of 300 s, through which the room swings by half a kelvin."""
+    trial = drawn(4029)
+    write(trial.runs, trial.bench, trial.noise, trial.habits, 4029, tmp_path / "elsewhere")
+    run("import", str(tmp_path / "elsewhere"), "--store", str(tmp_path / "warm.rig.sqlite"))
+    # Above what the world's slowest state cuts off, below the pendulum's rise.
+    true = trial.noise.white + trial.noise.flicker / 0.05**trial.noise.exponent
+    with opened_workbench(tmp_path / "warm.rig.sqlite", ()) as workbench:
+        assert isinstance(workbench.study, PlatformStudy)
+        for each in workbench.study.recorded.channels:
+            # Of 20 degrees of freedom a density is known to a third.
+            assert 1.0 / 2.4 < float(each.noise(np.array([0.05]))[0]) / true < 2.4, (each.run.run_id, each.channel)
+
+
 def test_a_trial_scores_what_was_said() -> None:
     """A recovery and a line told; the line was not there. Whole sessions are `python -m tests.foreign.trials`."""
     trial = small(7)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import GEOMETRY, Cells
 from rigctl.experiments.rotating_platform.observe.estimators import OUTPUTS
@@ -27,8 +27,9 @@ from rigctl.experiments.rotating_platform.observe.store_reduction import Platfor
 _REWEIGHTED = 5
 # Of fewer none can be spared: then the first group stays, though a run may begin without a turn.
 _FEWEST_GROUPS = 6
-_RANK = 1e-5
-"""What columns of unit length differ by less is an encoder's noise, and what is fitted to it is noise."""
+_RANK = 1e-12
+_SAME = 1e-3
+"""A column of the geometry that differs by less from period to period does so by the encoder's noise."""
 _TOLD = 0.1
 """A gain of a tilt, which is 1, is told by a run where its standard error is less."""
 _OWN_COMMAND = {"z": 0, "y": 3}
@@ -108,6 +109,9 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     if outputs.shape[1] > _FEWEST_GROUPS:
         outputs, design = outputs[:, 1:], design[:, 1:]
     seen = np.isfinite(outputs)
+    # All periods have it already, and what was fitted to the rest of such a column would be noise.
+    alike = _alike(np.where(seen[:, :, None], design[:, :, : means.shape[1]], np.nan))
+    design[:, :, : means.shape[1]][:, :, alike] = 0.0
     size = np.linalg.norm(design[seen], axis=0)
     design = design / np.where(size > 0.0, size, 1.0)
     residuals = outputs
@@ -137,6 +141,12 @@ def _likelihood(reducer: Reducer) -> Likelihood:
         # Of one period: sigma is that of the mean over all of them.
         Scatter(reducer.bin_weights(), sigma**2 * (dof + 1.0), dof),
     )
+
+
+def _alike(columns: FloatArray) -> BoolArray:
+    """Which columns (outputs, groups, columns) are the same in all groups."""
+    apart = np.nansum((columns - np.nanmean(columns, axis=1, keepdims=True)) ** 2, axis=(0, 1))
+    return np.asarray(apart < _SAME**2 * np.nansum(columns**2, axis=(0, 1)))
 
 
 def channel_run(run: PlatformRun, reducer: Reducer, noise: RunNoise) -> ChannelRun:
