@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rigctl.campaign.session.heartbeat import STALLED_S
 from rigctl.report.quantities import duration
 from rigctl.report.tables.result_table import ResultTable, print_tables
+from rigctl.report.time_left import time_left
 
 
 class ProgressBar:
@@ -79,7 +80,7 @@ def repeats_line(repeated: Mapping[str, int]) -> str:
 def print_status(status: Mapping[str, Any]) -> None:
     """A campaign's status in two lines, and a third when runs were repeated."""
     runs = f"{status['runs_done']} of {status['runs_planned']} runs ({status['runs_invalid']} invalid)"
-    lines = [f"{status['state']}: {runs}, {duration(status['eta_s'])} left"]
+    lines = [", ".join(filter(None, [f"{status['state']}: {runs}", time_left(status)]))]
     age_s = status.get("heartbeat_age_s")
     if age_s is not None and age_s > STALLED_S:
         lines.append(

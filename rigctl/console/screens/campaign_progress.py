@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,8 @@ from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.pages import Page
 from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import Line, Picture
-from rigctl.report.quantities import age, duration
+from rigctl.report.quantities import age
+from rigctl.report.time_left import time_left
 
 if TYPE_CHECKING:
     from rigctl.console.vitals import Vitals
@@ -106,7 +106,7 @@ class ProgressPage(Page):
         line.append("✗ STALLED " if stalled else f"{STATES.get(view.state, '?')} {view.state} ", style="bold")
         line.append(f" {self._told}")
         if view.alive:
-            line.append(", time left unknown" if stalled else f", {_left(view.status)}")
+            line.append(", time left unknown" if stalled else f", {time_left(view.status)}")
         line.append(f"  {view.status.get('step', '')}", style="dim")
         if vitals is not None:
             line.append(f"\n{_signs(vitals)}", style="dim")
@@ -201,16 +201,6 @@ def _run_label(run: RunRecord) -> str:
     if isinstance(frequency, int | float):
         label += f" {frequency:.2g} Hz"
     return label
-
-
-def _left(status: Mapping[str, Any]) -> str:
-    """The time left, less what has passed since it was worked out."""
-    eta_s, updated = status.get("eta_s"), status.get("updated")
-    if status.get("state") == "paused" or eta_s is None or not updated:
-        return "time left unknown"
-    passed_s = (datetime.now(UTC) - datetime.fromisoformat(str(updated))).total_seconds()
-    left_s = float(eta_s) - passed_s
-    return f"{duration(left_s)} left" if left_s >= 0.0 else f"{duration(-left_s)} later than expected"
 
 
 def _signs(vitals: Vitals) -> str:

@@ -1,0 +1,48 @@
+"""What is said of the time that a campaign still takes: nothing that nobody knows."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+
+from rigctl.campaign.session.heartbeat import STALLED_S
+from rigctl.report.terminal import print_status
+from rigctl.report.time_left import time_left
+
+
+def status(state: str, ago_s: float = 0.0, **other: Any) -> dict[str, Any]:
+    updated = (datetime.now(UTC) - timedelta(seconds=ago_s)).isoformat()
+    counted = {"runs_done": 2, "runs_planned": 9, "runs_invalid": 0}
+    return {"state": state, "eta_s": 60.0, "updated": updated, "step": "x", **counted, **other}
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (status("running", 20.0), "40 s left"),
+        (status("running", 90.0), "30 s later than expected"),
+        (status("running", 20.0, heartbeat_age_s=STALLED_S + 1.0), "time left unknown"),
+        (status("running", eta_s=None), "time left unknown"),
+        (status("paused", 20.0), "60 s of work left"),
+        (status("interrupted", 1e5), "60 s of work left"),
+        (status("aborted", 1e5), "60 s of work left"),
+        (status("done"), ""),
+    ],
+)
+def test_time_left(given: dict[str, Any], said: str) -> None:
+    # Between the two clocks half a second may turn.
+    assert time_left(given) in {said, said.replace("40", "39"), said.replace("30", "31")}
+
+
+def test_a_stalled_campaign_is_told_no_time(capsys: pytest.CaptureFixture[str]) -> None:
+    print_status(status("running", 600.0, heartbeat_age_s=STALLED_S + 600.0))
+    out = capsys.readouterr().out
+    assert "STALLED" in out
+    assert "running: 2 of 9 runs (0 invalid), time left unknown" in out
+
+
+def test_what_is_done_has_no_time_left(capsys: pytest.CaptureFixture[str]) -> None:
+    print_status(status("done"))
+    assert capsys.readouterr().out.splitlines()[0] == "done: 2 of 9 runs (0 invalid)"
