@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigctl import runner
+from rigctl.analysis.measurement_result import MeasurementResult
 from rigctl.campaign.status import status_of
+from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
-from rigctl.experiments.analysis import Result, analysis_of
+from rigctl.exchange.frames import run_dataset, runs_frame
+from rigctl.experiments.analysis import Result, analysis_of, measurement_result_of
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.model.versions import ModelVersion
 from rigctl.workbench.workbench import ALPHA
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 
 class Campaign:
@@ -65,6 +72,27 @@ class Campaign:
         """
         with opened_workbench(store, plugins) as workbench:
             return analysis_of(workbench.store.header.experiment, workbench.store.path).analyse(workbench)
+
+    @staticmethod
+    def measured(store: Path | str, plugins: Sequence[Path | str] = ()) -> MeasurementResult:
+        """What a certificate of a store certifies: quantities, and every source of their uncertainty.
+
+        `rigctl.exchange.uncertain_numbers` makes numbers of `uncertainties` or `GTC` of it.
+        """
+        with opened_workbench(store, plugins) as workbench:
+            return measurement_result_of(workbench)
+
+    @staticmethod
+    def runs(store: Path | str) -> DataFrame:
+        """A row of pandas for each run of a store; `ConfigError` without the extra `notebook`."""
+        with Store.open(Path(store), readonly=True) as opened:
+            return runs_frame(opened)
+
+    @staticmethod
+    def samples(store: Path | str, run_id: str) -> Dataset:
+        """The samples of a run as a dataset of xarray; `ConfigError` without the extra `notebook`."""
+        with Store.open(Path(store), readonly=True) as opened:
+            return run_dataset(opened, run_id)
 
     @staticmethod
     def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> Comparison:

@@ -125,6 +125,17 @@ def own(names: Names, printed: str) -> None:
     assert float(printed) == pytest.approx(1.0, abs=0.05)
 
 
+def frames(names: Names, printed: str) -> None:
+    assert len(names["runs"]) == 18
+    assert names["readings"].shape == (40, 2)
+    assert "V " in printed
+    # Of a parabola through 40 readings: far better known in the middle than its terms, which share their errors.
+    at, terms = names["at_1e6_lb"], names["number"]
+    assert at.nominal_value == pytest.approx(0.72957, abs=1e-5)
+    assert at.std_dev < 0.5 * terms["b1"].std_dev * 1e6
+    assert printed.endswith("0.00000073206(16)\n")
+
+
 def nulls(names: Names, printed: str) -> None:
     assert len(names["result"].fit.nulls()) == 6
     assert names["budget"].expanded.shape == (2,)
@@ -149,6 +160,7 @@ PROMISES: dict[str, Callable[[Names, str], None]] = {
     "Which effect is missing 2": residuals,
     "A table, and an effect of your own 1": table,
     "A table, and an effect of your own 2": own,
+    "Frames, datasets, uncertain numbers 1": frames,
     "Nulls, observables, budget 1": nulls,
     "Nulls, observables, budget 2": figures,
     "Bundles 1": bundle,

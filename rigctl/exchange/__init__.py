@@ -1,0 +1,1 @@
+"""Results and recordings as the objects of other people's packages: the extra `notebook`."""

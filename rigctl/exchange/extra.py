@@ -1,0 +1,18 @@
+"""Packages that are not everybody's."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from rigctl.core.errors import ConfigError
+
+EXTRA = "notebook"
+
+
+def needed(package: str) -> Any:
+    """The package imported; `ConfigError`, how to install it, where it is not there."""
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise ConfigError(f"{package} is not installed; pip install 'rigctl[{EXTRA}]' brings it") from error
