@@ -38,6 +38,9 @@ LIVE_S = 1.0
 
 OPPOSITE = {"add": "remove", "remove": "add"}
 
+REFITTED = {"add", "remove", "mark"}
+"""After these the model is fitted anew, and the ladder shows the difference."""
+
 Start = Callable[[str, Coroutine[Any, Any, None]], object]
 """Runs a coroutine beside the event loop's other work; one of a group follows the other or replaces it."""
 
@@ -155,6 +158,10 @@ class Analyses:
         if job.what in OPPOSITE:
             names = ", ".join(arguments[0])
             self._undoable.append((f"{job.what} {names}", job.store, OPPOSITE[job.what], tuple(arguments)))
+        if job.what == "mark":
+            run_id, valid, _ = arguments
+            said = f"mark of run {run_id}"
+            self._undoable.append((said, job.store, "mark", (run_id, not valid, f"{said} taken back")))
 
     async def _show(self, job: Job, answer: Any) -> None:
         store, what = job.store, job.what
@@ -172,15 +179,21 @@ class Analyses:
             "residuals": bench.show_residuals,
             "add": self._tell_version,
             "remove": self._tell_version,
+            "mark": self._tell_mark,
         }
         if (pending := shows[what](answer)) is not None:
             await pending
         if what in OPPOSITE:
             self.ask(store, "model", quiet=True)
+        if what in REFITTED:
             self.ask(store, "fit")
         if what == "fit":
             self.ask(store, "history", quiet=True)
             self.ask(store, "residuals", bench.covariate, quiet=True)
+
+    def _tell_mark(self, made: Mapping[str, Any]) -> None:
+        state = "valid" if made["valid"] else "invalid"
+        self._tell(f"run {made['run_id']} is {state}: {made['reason']}", "information")
 
     def _tell_version(self, made: Sequence[Mapping[str, Any]]) -> None:
         version = made[-1]

@@ -108,6 +108,14 @@ def compare_with(store: Path, other: Path, plugins: Plugins) -> Json:
         return {**here.compare_with(there).as_json(), "store": str(other)}
 
 
+def mark(store: Path, run_id: str, valid: bool, reason: str, plugins: Plugins) -> Json:
+    """`rigctl mark`."""
+    del plugins
+    with Store.open(store) as opened:
+        opened.mark(run_id, valid, reason)
+    return {"run_id": run_id, "valid": valid, "reason": reason}
+
+
 def add(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Json]:
     """`rigctl model add`."""
     with opened_workbench(store, plugins) as workbench:

@@ -337,4 +337,6 @@ class Console(Shell):
             return
         if message.what in {"add", "remove"}:
             self._act(f"model {message.what} {' '.join(message.arguments[0])}")
+        if message.what == "mark":
+            self._act(f"mark run {message.arguments[0]} {'valid' if message.arguments[1] else 'invalid'}")
         self._analyses.ask(self._view.path, message.what, *message.arguments)

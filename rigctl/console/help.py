@@ -20,8 +20,9 @@ EVERYWHERE
             c connect. While a campaign holds the rig, this shows what
             its store tells.
 2 CAMPAIGN  e edit, Ctrl+S save, d dry run, s start, p pause,
-            r resume, a abort. It runs in a process of its own:
-            quitting the console, or losing it, does not end it.
+            r resume, a abort; among the steps ↑ ↓ Enter choose a run,
+            m leaves it out or uses it again. It runs in a process of its
+            own: quitting the console, or losing it, does not end it.
 3 RESULTS   f work out, v compare with another store
 4 WORKBENCH f fit, g diagnose, a add, x remove, n next, v residuals
             against another covariate
@@ -54,6 +55,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "Campaign: resume": ("pane('campaign', 'ask', 'resume')", "Go on with a paused or ended one (r)"),
     "Campaign: abort": ("pane('campaign', 'abort')", "End it now; it can be resumed (a)"),
     "Campaign: dry run": ("pane('campaign', 'dry_run')", "What it would do; moves nothing (d)"),
+    "Campaign: mark run": ("pane('campaign', 'mark')", "Leave the chosen run out, or use it again (m)"),
     "Campaign: edit": ("pane('campaign', 'edit')", "The file as a form (e)"),
     "Results: update": ("pane('results', 'update')", "Work the result out anew (f)"),
     "Results: compare": ("pane('results', 'compare')", "With the runs of another store (v)"),

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from rigctl.campaign.store.store import Store
 from rigctl.console import analysis
 
 SLOW_S = 120.0
@@ -98,3 +99,43 @@ def test_a_rig_that_cannot_be_opened_is_one_line_whatever_went_wrong(
         await seat.sees("No rig is open")
 
     at_console(sitting, desk.directory / "rig.toml")
+
+
+@pytest.mark.timeout(300)
+def test_a_run_is_left_out_and_taken_back_from_the_steps(store: Path, at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        bench, progress = seat.app._panes.workbench, seat.app._panes.campaign._progress
+        await seat.until(lambda: seat.app._view)
+        # The last mounting opened, its last run.
+        await seat.press("2", "end", "enter", "end")
+        await seat.until(lambda: progress.chosen is not None)
+        run_id = progress.chosen.run_id
+        await seat.press("m")
+        await seat.sees(f"Run {run_id}: leave it out")
+        await seat.press("enter")
+        await seat.sees("a mark needs its reason")
+        await seat.type("a door slammed")
+        await seat.sees(f"run {run_id} is invalid: a door slammed", SLOW_S)
+        await seat.sees(f"✗ {run_id}")
+        assert progress.chosen.run_id == run_id
+        # Refitted without it, and the ladder is there.
+        await seat.until(lambda: bench._covariates, SLOW_S)
+        await seat.press("m")
+        await seat.sees("left out: a door slammed; why is it good?")
+        await seat.press("escape", "u")
+        await seat.sees(f"run {run_id} is valid: mark of run {run_id} taken back", SLOW_S)
+        await seat.until(lambda: progress.chosen.valid)
+
+    at_console(sitting, store)
+    with Store.open(store, readonly=True) as opened:
+        assert next(event.data["reason"] for event in opened.events("mark")) == "a door slammed"
+        assert all(run.valid for run in opened.runs())
+
+
+def test_without_a_run_chosen_a_mark_says_how_to_choose(store: Path, at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        await seat.press("2", "home", "m")
+        await seat.sees("choose a run among the steps first")
+
+    at_console(sitting, store)

@@ -15,7 +15,7 @@ from textual.widget import Widget
 from textual.widgets import Input, Static
 
 from rigctl.console.entries import Entry, Listing
-from rigctl.console.messages import DryRunAsked, Launch, Noted, RequestAsked, StartAsked
+from rigctl.console.messages import AnalysisAsked, DryRunAsked, Launch, Noted, RequestAsked, StartAsked
 from rigctl.console.screens.campaign_progress import ProgressPage
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.dialogs import ConfirmDialog, StartDialog, TextDialog
@@ -117,7 +117,9 @@ class CampaignPane(Vertical):
         Binding("r", "ask('resume')", "Resume"),
         Binding("a", "abort", "Abort"),
         Binding("e", "edit", "Edit"),
-        Binding("d", "dry_run", "Dry run"),
+        Binding("m", "mark", "Mark"),
+        # Its page and the line above the steps tell of it.
+        Binding("d", "dry_run", "Dry run", show=False),
         Binding("ctrl+s", "save", "Save", show=False),
     ]
 
@@ -199,6 +201,20 @@ class CampaignPane(Vertical):
         """Pause or resume."""
         self.post_message(RequestAsked("pause" if kind == "pause" else "resume"))
 
+    def action_mark(self) -> None:
+        """Leave the run under the cursor out, or use it again, with a reason."""
+        run = self._progress.chosen
+        if run is None:
+            self.post_message(Noted("choose a run among the steps first: Enter opens a step", "warning"))
+            return
+        title = f"Run {run.run_id}: {'leave it out' if run.valid else 'use it again'}"
+        prompt = "why?" if run.valid else f"left out: {run.reason}; why is it good?"
+
+        def say(reason: str) -> None:
+            self.post_message(AnalysisAsked("mark", (run.run_id, not run.valid, reason.strip())))
+
+        TextDialog(title, prompt, "", _no_reason).ask(self.app, say)
+
     def action_abort(self) -> None:
         """Abort, once it is confirmed; STOP needs no confirmation."""
         text = "The campaign ends now; what is recorded stays, and r resumes it."
@@ -244,6 +260,10 @@ def _free(path: Path) -> Path:
         free = path.with_name(re.sub(r"(\.rig\.sqlite)$", rf"-{number}\1", path.name))
         number += 1
     return free
+
+
+def _no_reason(text: str) -> str:
+    return "" if text.strip() else "a mark needs its reason"
 
 
 def _no_toml_name(name: str) -> str:

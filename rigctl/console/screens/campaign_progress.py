@@ -114,6 +114,12 @@ class ProgressPage(Page):
             self._line = line
             self.query_one("#progress-line", Static).update(line)
 
+    @property
+    def chosen(self) -> RunRecord | None:
+        """The run under the tree's cursor."""
+        node = self.query_one(Tree).cursor_node
+        return None if node is None else node.data
+
     def show_null_search(self, search: Mapping[str, Any]) -> None:
         """The response of the mounting that is measured, as last worked out."""
         if not search:
@@ -129,17 +135,19 @@ class ProgressPage(Page):
         self.query_one("#sigma", Plot).show(Picture(title, lines, "runs", y_scale="log"))
 
     def _show_steps(self, view: StoreView) -> None:
-        shape = (view.path, len(view.runs), view.state, view.status.get("step"))
+        invalid = [run.run_id for run in view.runs if not run.valid]
+        shape = (view.path, len(view.runs), invalid, view.state, view.status.get("step"))
         if shape == self._tree_of:
             return
         self._tree_of = shape
         tree = self.query_one(Tree)
+        chosen = self.chosen
         tree.clear()
         nulls = any("mounting" in run.conditions for run in view.runs)
         self.query_one("#progress-body").set_class(bool(view.runs) and not nulls, "no-nulls")
         for run in view.runs:
             if "mounting" not in run.conditions:  # nothing to gather runs under
-                tree.root.add_leaf(f"{'✓' if run.valid else '✗'} {run.run_id} {run.key}")
+                tree.root.add_leaf(f"{'✓' if run.valid else '✗'} {run.run_id} {run.key}", run)
         running = view.state in {"running", "paused"}
         groups = _groups(view.runs)
         for place, (outer, mountings) in enumerate(groups.items()):
@@ -153,7 +161,25 @@ class ProgressPage(Page):
             )
         if running:
             tree.root.add_leaf(f"▶ now: {view.status.get('step') or 'preparing'}")
-        tree.scroll_end(animate=False)
+        # Who has chosen a run stays with it; else the newest is in sight.
+        if chosen is None or not _choose(tree, chosen.run_id):
+            tree.scroll_end(animate=False)
+
+
+def _choose(tree: Tree[Any], run_id: str) -> bool:
+    """Put the cursor on a run again; False where it is not shown."""
+    nodes = list(tree.root.children)
+    for node in nodes:
+        if node.data is not None and node.data.run_id == run_id:
+            parent = node.parent
+            while parent is not None:
+                parent.expand()
+                parent = parent.parent
+            # Its line is known once the tree is drawn.
+            tree.call_after_refresh(tree.move_cursor, node)
+            return True
+        nodes += node.children
+    return False
 
 
 def _groups(runs: Sequence[RunRecord]) -> dict[str, dict[str, list[RunRecord]]]:
@@ -185,7 +211,7 @@ def _add_group(
         label = f"{_sign(now, ended)} {mounting}: {len(runs)}{f', {invalid} invalid' if invalid else ''}"
         leaf = node.add(label, expand=now)
         for run in runs if now or not running else ():  # a night has too many to draw them all each time
-            leaf.add_leaf(_run_label(run))
+            leaf.add_leaf(_run_label(run), run)
 
 
 def _sign(now: bool, ended: bool) -> str:

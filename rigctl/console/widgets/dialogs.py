@@ -155,13 +155,17 @@ class TextDialog(Dialog[str]):
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Say at once what is wrong."""
-        why = self._refusal(event.value)
-        self.query_one(".refusal", Static).update(Text(f"✗ {why}" if why else ""))
+        self._judge(event.value)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Accept what is not refused."""
-        if not self._refusal(event.value):
+        if not self._judge(event.value):
             self.dismiss(event.value)
+
+    def _judge(self, value: str) -> str:
+        why = self._refusal(value)
+        self.query_one(".refusal", Static).update(Text(f"✗ {why}" if why else ""))
+        return why
 
 
 @dataclass(frozen=True)
