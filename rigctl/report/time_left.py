@@ -10,10 +10,10 @@ from rigctl.campaign.session.heartbeat import STALLED_S
 from rigctl.report.quantities import duration
 
 
-def time_left(status: Mapping[str, Any]) -> str:
+def time_left(status: Mapping[str, Any], now: datetime | None = None) -> str:
     """Of a campaign that runs, less what has passed since it was worked out; of one that does not, the work left.
 
-    `status` is as `rigctl.campaign.status.status_of` gives it. "" when it is done.
+    `status` is as `rigctl.campaign.status.status_of` gives it. "" when it is done. `now`: the present, if not given.
     """
     state, eta_s, updated = status.get("state"), status.get("eta_s"), status.get("updated")
     if state == "done":
@@ -22,6 +22,6 @@ def time_left(status: Mapping[str, Any]) -> str:
         return "time left unknown"
     if state != "running":
         return f"{duration(eta_s)} of work left"
-    passed_s = (datetime.now(UTC) - datetime.fromisoformat(str(updated))).total_seconds()
+    passed_s = ((now or datetime.now(UTC)) - datetime.fromisoformat(str(updated))).total_seconds()
     left_s = float(eta_s) - passed_s
     return f"{duration(left_s)} left" if left_s >= 0.0 else f"{duration(-left_s)} later than expected"

@@ -95,7 +95,7 @@ def test_a_study_of_draws_has_tables(store, tmp_path):
     assert found["table2"]["ad11"]["paper"]["paper_truth"]["worst"] == pytest.approx(0.2 * rows["ad11"].objective)
     written = asked("report", tmp_path / "study.rig.sqlite", "--figures", tmp_path / "figures")["written"]
     assert {path.rpartition("/")[2] for path in written} >= {"table2.csv", "table3.svg"}
-    printed = CliRunner().invoke(app, ["result", str(tmp_path / "study.rig.sqlite")]).stdout
+    printed = CliRunner().invoke(app, ["result", str(tmp_path / "study.rig.sqlite")], env={"COLUMNS": "200"}).stdout
     assert "Table 3" in printed
     assert printed.count("0 % over") == len(NAMES)
     for figure in ("table2.svg", "table3.svg"):
