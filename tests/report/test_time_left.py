@@ -11,7 +11,6 @@ from rigctl.campaign.session.heartbeat import STALLED_S
 from rigctl.report.terminal import print_status
 from rigctl.report.time_left import time_left
 
-
 NOW = datetime.now(UTC)
 
 
