@@ -1,6 +1,6 @@
 """The Monte Carlo study of the in-flight calibration: many draws, on all cores or on a cluster.
 
-Sessions come one after another, the draws of each in units that are flown at once. A unit that is reduced is in the
+Draws come in blocks that are flown at once: all sessions of a block, then its estimates. What is reduced is in the
 store, so that an interrupted study goes on with what is left. What comes out does not depend on where a unit was run.
 """
 
@@ -147,11 +147,7 @@ class MonteCarloWork(Work):
             self.operate({"draw": self.study.kept_draw})
             calibrate(session, self.flight, self.study)
         with _workers(self.study) as submit:
-            for run, name in enumerate(self.study.sessions, 1):
-                with session.step(f"session {name}"):
-                    self._simulate(session, submit, run, name)
-        with session.step("estimates"):
-            self._estimate(session)
+            self._calibrate(session, submit)
 
     def _units(self, run: int, name: SessionName) -> dict[str, Unit]:
         everything = range(self.study.draws)
@@ -164,30 +160,33 @@ class MonteCarloWork(Work):
             for some in draws
         }
 
-    def _simulate(self, session: Session, submit: Submit, run: int, name: SessionName) -> None:
-        units, kept = self._units(run, name), Kept(session.store, RECIPE)
-        reduced_keys = session.store.reduced_names(str(RECIPE))
-        # All at once, so that workers are never idle; what comes of them is taken in order.
-        promised = {key: submit(unit) for key, unit in units.items() if key not in reduced_keys}
-        for key, unit in units.items():
-            if key in promised:
-                kept.put(key, _awaited(session, promised[key]))
-            session.counted(len(unit.draws), replayed=key in reduced_keys)
-
-    def _estimate(self, session: Session) -> None:
-        # Scores that are kept need neither their units nor another estimate.
-        scored = {int(document.data["draw"]) for document in session.store.documents(DRAW)}
-        by_session = {name: self._units(run, name) for run, name in enumerate(self.study.sessions, 1)}
-        sessions: dict[str, Flown] = {name: next(iter(units.values())).flown for name, units in by_session.items()}
+    def _calibrate(self, session: Session, submit: Submit) -> None:
+        """All sessions of some draws and their estimates, then those of the next: errors are seen on the way."""
+        sessions = [list(self._units(run, name).items()) for run, name in enumerate(self.study.sessions, 1)]
+        blocks = [dict(units) for units in zip(*sessions, strict=True)]
         kept = Kept(session.store, RECIPE)
-        # Unit by unit of draws: only the sessions of these sixteen are in memory together.
-        for keys in zip(*by_session.values(), strict=True):
-            unscored = sorted(set(next(iter(by_session.values()))[keys[0]].draws) - scored)
-            units = {name: _there(kept, key) for name, key in zip(sessions, keys, strict=True)} if unscored else {}
-            for draw in unscored:
-                session.checkpoint()
-                scores = estimated(draw, sessions, units, self.ensemble.truths(draw))
-                session.store.add_document(DRAW, scores.as_json())
+        reduced_keys = session.store.reduced_names(str(RECIPE))
+        scored = {int(document.data["draw"]) for document in session.store.documents(DRAW)}
+        # All at once, so that workers are never idle; what comes of them is taken in order.
+        promised = {key: submit(unit) for block in blocks for key, unit in block.items() if key not in reduced_keys}
+        for block in blocks:
+            draws = next(iter(block.values())).draws
+            with session.step(f"draws {draws[0]} to {draws[-1]}"):
+                for key, unit in block.items():
+                    if key in promised:
+                        kept.put(key, _awaited(session, promised.pop(key)))
+                    session.counted(len(unit.draws), replayed=key in reduced_keys)
+                # Scores that are kept need neither their units nor another estimate.
+                if unscored := sorted(set(draws) - scored):
+                    self._estimate(session, kept, block, unscored)
+
+    def _estimate(self, session: Session, kept: Kept, block: Mapping[str, Unit], draws: Sequence[int]) -> None:
+        sessions: dict[str, Flown] = {unit.name: unit.flown for unit in block.values()}
+        units: dict[str, Packed] = {unit.name: _there(kept, key) for key, unit in block.items()}
+        for draw in draws:
+            session.checkpoint()
+            scores = estimated(draw, sessions, units, self.ensemble.truths(draw))
+            session.store.add_document(DRAW, scores.as_json())
 
 
 def _there(kept: Kept, key: str) -> Packed:

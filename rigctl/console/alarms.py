@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from rigctl.console.readings import InstrumentView, simulated_here
 from rigctl.console.store_view import StoreView
 from rigctl.console.vitals import Vitals
 from rigctl.core.making_safe import Rest
 from rigctl.report.quantities import duration
+
+if TYPE_CHECKING:
+    from rigctl.workbench.misfits import RunMisfit  # with scipy, which the first paint does not wait for
 
 
 @dataclass(frozen=True)
@@ -21,14 +25,18 @@ class Alarm:
 
 
 def alarms_of(
-    view: StoreView | None, vitals: Vitals | None, instruments: Sequence[InstrumentView], unsafe: Iterable[Rest]
+    view: StoreView | None,
+    vitals: Vitals | None,
+    instruments: Sequence[InstrumentView],
+    unsafe: Iterable[Rest],
+    far: Sequence[RunMisfit] = (),
 ) -> list[Alarm]:
-    """The most urgent first: what may move, what is lost, what stands still, what is asked."""
+    """The most urgent first: what may move, what is lost, what stands still, what is asked, what does not fit."""
     found = [Alarm(f"unsafe {rest.instrument}", f"{rest}; look at it") for rest in unsafe]
     found += [Alarm(f"{each.state} {each.name}", _of_instrument(each)) for each in instruments if each.state in WRONG]
     if view is not None:
         found += _of_campaign(view, vitals)
-    return found
+    return found + _of_misfits(far)
 
 
 WRONG = {"lost": "LOST", "silent": "SILENT"}
@@ -37,6 +45,15 @@ WRONG = {"lost": "LOST", "silent": "SILENT"}
 def _of_instrument(view: InstrumentView) -> str:
     why = view.error.removeprefix(f"{view.name}: ")
     return f"{view.name} {WRONG[view.state]}{f': {why}' if why else ': it does not answer'}"
+
+
+def _of_misfits(far: Sequence[RunMisfit]) -> list[Alarm]:
+    if not far:
+        return []
+    worst = max(far, key=lambda each: abs(each.sigma))
+    others = f" (and {len(far) - 1} more)" if len(far) > 1 else ""
+    text = f"Run {worst.run_id} is {abs(worst.sigma):.3g} sigma off the model in {worst.channel}{others}: 2 m, 4 g"
+    return [Alarm(f"far {' '.join(each.run_id for each in far)}", text)]
 
 
 def _of_campaign(view: StoreView, vitals: Vitals | None) -> list[Alarm]:

@@ -17,6 +17,8 @@ from rigctl.report.quantities import duration
 
 if TYPE_CHECKING:
     from rigctl.console.analyst import Analyst
+    from rigctl.report.watch import Watch
+    from rigctl.workbench.misfits import RunMisfit
 
 
 @dataclass
@@ -34,7 +36,10 @@ class Job:
 
 
 LIVE_S = 1.0
-"""Least time between two null searches that are worked out while a campaign runs."""
+"""Least time between two looks at what runs tell while they come."""
+
+LIVE_SHARE = 0.1
+"""Of a core's time, what these looks take at most."""
 
 OPPOSITE = {"add": "remove", "remove": "add"}
 
@@ -55,10 +60,11 @@ class Analyses:
         self._plugins = plugins
         self._start = start
         self._tell = tell
-        self._searched: tuple[object, ...] = ()
-        self._searched_s = 0.0
-        # One search at a time: asked after every run, they would queue up behind a slow one.
-        self._searching = False
+        self._watched: tuple[object, ...] = ()
+        self._watch_again_s = 0.0
+        # One look at a time: asked after every run, they would queue up behind a slow one.
+        self._watching = False
+        self._far: tuple[Path, Sequence[RunMisfit]] | None = None
         self._jobs: list[Job] = []
         self._undoable: list[tuple[str, Path, str, tuple[Any, ...]]] = []
 
@@ -112,24 +118,34 @@ class Analyses:
         self._start("dry-run", self._try_out(job))
 
     def follow(self, view: StoreView) -> None:
-        """While a campaign runs, and its screen is looked at, the response is worked out anew after every run."""
-        if not view.runs:
+        """What runs tell is worked out anew when there are others, as often as it does not keep a core busy."""
+        if not view.status.get("runs_done"):
             return
-        signs = (view.path, len(view.runs))
-        if signs == self._searched or self._searching or time.monotonic() - self._searched_s < LIVE_S:
+        valid = sum(run.valid for run in view.runs)
+        signs = (view.path, view.status["runs_done"], valid, view.alive)
+        if signs == self._watched or self._watching or time.monotonic() < self._watch_again_s:
             return
         # Noted before it is asked: a run that ends meanwhile is a reason to ask again.
-        self._searched, self._searched_s = signs, time.monotonic()
-        self._searching = True
-        self._start("null-search", self._search(view.path))
+        self._watched, self._watching = signs, True
+        self._start("watch", self._watch(view.path))
 
-    async def _search(self, store: Path) -> None:
+    def far(self, store: Path) -> Sequence[RunMisfit]:
+        """The runs of a store that are far from its model, as last worked out."""
+        return self._far[1] if self._far is not None and self._far[0] == store else ()
+
+    async def _watch(self, store: Path) -> None:
+        begun_s = time.monotonic()
         try:
-            self._panes.campaign.show_null_search(await self._analyst.ask("null_search", store, live=True))
-        except Exception:  # noqa: BLE001 - too few runs, or a model of one's own: the picture waits
+            found: Watch = await self._analyst.ask("watched", store, live=True)
+        except Exception:  # noqa: BLE001 - a model of one's own, or a store that is gone: the pictures wait
             return
+        else:
+            self._far = store, found.far
+            self._panes.campaign.show_pictures(found.pictures)
         finally:
-            self._searching = False
+            took_s = time.monotonic() - begun_s
+            self._watch_again_s = time.monotonic() + max(LIVE_S, took_s / LIVE_SHARE - took_s)
+            self._watching = False
 
     async def _try_out(self, job: Job) -> None:
         pane = self._panes.campaign
@@ -186,6 +202,7 @@ class Analyses:
         if what in OPPOSITE:
             self.ask(store, "model", quiet=True)
         if what in REFITTED:
+            self._watched = ()
             self.ask(store, "fit")
         if what == "fit":
             self.ask(store, "history", quiet=True)

@@ -20,6 +20,7 @@ from rigctl.report.figures.residuals import axis_label, residual_plate
 from rigctl.report.picture import Picture
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.report.verdicts import comparison_sentence
+from rigctl.report.watch import Watch, watch
 from rigctl.workbench.verdict.covariates import distinct
 
 Plugins = Sequence[Path]
@@ -34,12 +35,10 @@ def result(store: Path, plugins: Plugins) -> tuple[Sequence[ResultTable], Sequen
         return tables, drawing.pictures(workbench) if isinstance(drawing, DrawingForConsole) else ()
 
 
-def null_search(store: Path, plugins: Plugins) -> Json:
-    """The null of the last mounting, while it is searched; empty where none is."""
-    del plugins
-    with Store.open(store, readonly=True) as opened:
-        drawing = drawing_of(opened.header.experiment, store)
-        return drawing.null_search(opened) if isinstance(drawing, DrawingForConsole) else {}
+def watched(store: Path, plugins: Plugins) -> Watch:
+    """What is looked at while runs come."""
+    with opened_workbench(store, plugins, readonly=True) as workbench:
+        return watch(workbench)
 
 
 def dry_run(campaign: Path, plugins: Plugins) -> Json:

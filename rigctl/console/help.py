@@ -41,7 +41,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "Page: next": ("step_page(1)", "Of the screen that is shown (.)"),
     "Page: previous": ("step_page(-1)", "Of the screen that is shown (,)"),
     "Screen: Rig": ("screen('rig')", "Instruments and charts (1)"),
-    "Screen: Campaign": ("screen('campaign')", "Start, progress, null search (2)"),
+    "Screen: Campaign": ("screen('campaign')", "Start, progress, what the runs tell (2)"),
     "Screen: Results": ("screen('results')", "Tables, plots, comparison (3)"),
     "Screen: Workbench": ("screen('workbench')", "Which effect is missing? (4)"),
     "Screen: Log": ("screen('log')", "Events, alarms, actions (5)"),

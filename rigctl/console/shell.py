@@ -209,8 +209,10 @@ class Shell(OrderedKeys):
         self._tell_standing()
         if view is None:
             return
-        if current == "campaign":
+        # Of a campaign that runs on every screen: a run that is far from the model is an alarm.
+        if current == "campaign" or held:
             self._analyses.follow(view)
+        if current == "campaign":
             self._panes.campaign.show_vitals(vitals)
         if current == "rig" and view is self._shown_view and (held or bench is None):
             self._panes.rig.show_ages(view)
@@ -226,7 +228,8 @@ class Shell(OrderedKeys):
         """What is wrong now, and what is being worked out."""
         bench, view = self._holding.bench, self._view
         views = bench.views() if bench is not None else ()
-        alarms = alarms_of(view, self._feed.vitals, views, self._unsafe.values())
+        far = self._analyses.far(view.path) if view is not None and view.alive else ()
+        alarms = alarms_of(view, self._feed.vitals, views, self._unsafe.values(), far)
         self._base.query_one(AlarmStrip).say([alarm.text for alarm in alarms])
         self._base.query_one(Telling).say(self._notes.text(self._analyses.jobs()))
         self._bell.hear(alarms)

@@ -39,17 +39,18 @@ class Drawing(Protocol):
 
 @runtime_checkable
 class DrawingForConsole(Protocol):
-    """What an experiment plots in the console, where its `report` module has these functions too."""
+    """What an experiment plots beside the tables of its result, where its `report` module has this function too."""
 
     def pictures(self, workbench: Workbench) -> Sequence[Picture]:
         """Plots beside the tables of the result."""
 
-    def null_search(self, store: Store) -> dict[str, Any]:
-        """The null that is searched, as far as it is known while runs come; empty before there are any.
 
-        `picture` (of the response), `where` (which null), `runs`, `sigma_arcsec` after these runs, and `sigmas` after
-        each of them, where that does not take long.
-        """
+@runtime_checkable
+class DrawingOfProgress(Protocol):
+    """What an experiment plots while its runs come, where its `report` module has this function too."""
+
+    def progress(self, store: Store) -> Sequence[Picture]:
+        """What is measured, as far as it is known, the most telling first; none before there is any."""
 
 
 def drawing_of(experiment: str, path: Path | str = "") -> Drawing:

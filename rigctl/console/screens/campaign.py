@@ -1,11 +1,11 @@
-"""Screen 2: a campaign's file, its start, its steps, and the null search as it happens."""
+"""Screen 2: a campaign's file, its start, its steps, and what its runs tell as they come."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
@@ -20,6 +20,7 @@ from rigctl.console.screens.campaign_progress import ProgressPage
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.dialogs import ConfirmDialog, StartDialog, TextDialog
 from rigctl.console.widgets.pages import Page, Pages
+from rigctl.report.picture import Picture
 
 if TYPE_CHECKING:
     from rigctl.console.form import CampaignForm
@@ -157,9 +158,9 @@ class CampaignPane(Vertical):
         """How long ago the campaign gave a sign of life, and recorded anything."""
         self._progress.show_vitals(vitals)
 
-    def show_null_search(self, search: Mapping[str, Any]) -> None:
-        """The response of the mounting that is measured, as last worked out."""
-        self._progress.show_null_search(search)
+    def show_pictures(self, pictures: Sequence[Picture]) -> None:
+        """What the runs tell, as last worked out."""
+        self._progress.show_pictures(pictures)
 
     def show_plan(self, text: str) -> None:
         """What a dry run told."""

@@ -1,4 +1,4 @@
-"""The tab that shows how far a campaign is: its steps, and the null search as it happens."""
+"""The tab that shows how far a campaign is: its steps, and what its runs tell as they come."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
@@ -18,7 +17,7 @@ from rigctl.campaign.recording import RunRecord
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.pages import Page
 from rigctl.console.widgets.plot import Plot
-from rigctl.report.picture import Line, Picture
+from rigctl.report.picture import Picture
 from rigctl.report.quantities import age
 from rigctl.report.time_left import time_left
 
@@ -28,16 +27,19 @@ if TYPE_CHECKING:
 STEPS_S = 1.0
 """The tree of steps is drawn anew at most so often."""
 
+MOST_PLOTS, PLOT_ROWS = 3, 7
+"""With fewer rows a plot shows nothing."""
+
 STATES = {"running": "▶", "paused": "‖", "done": "✓", "aborted": "■", "interrupted": "✗"}
 
 
 class ProgressPage(Page):
-    """A line, a bar, the steps and two plots."""
+    """A line, a bar, the steps, and as many plots as there is room for."""
 
     def __init__(self) -> None:
         super().__init__("Progress", id="tab-progress")
         self._view: StoreView | None = None
-        self._sigmas: dict[str, dict[int, float]] = {}
+        self._pictures: Sequence[Picture] = ()
         self._tree_of: tuple[object, ...] = ()
         self._steps_s = 0.0
         self._vitals: Vitals | None = None
@@ -50,9 +52,8 @@ class ProgressPage(Page):
         yield ProgressBar(id="progress", show_eta=False)
         with Horizontal(id="progress-body"):
             yield Tree("steps", id="steps")
-            with Vertical(id="nulls"):
-                yield Plot(Picture("null search: S against angle"), id="null-search")
-                yield Plot(Picture("σ(θ0)"), id="sigma")
+            with Vertical(id="watched"):
+                yield from (Plot(Picture("")) for _ in range(MOST_PLOTS))
 
     def on_mount(self) -> None:
         """No root line: the steps are the tree."""
@@ -77,7 +78,7 @@ class ProgressPage(Page):
     def show_store(self, view: StoreView, *, on_screen: bool) -> None:
         """The campaign as its store tells."""
         if self._view is None or view.path != self._view.path:
-            self._sigmas = {}
+            self.show_pictures(())
         self._view = view
         status = view.status
         done, planned = int(status["runs_done"]), int(status["runs_planned"])
@@ -120,19 +121,19 @@ class ProgressPage(Page):
         node = self.query_one(Tree).cursor_node
         return None if node is None else node.data
 
-    def show_null_search(self, search: Mapping[str, Any]) -> None:
-        """The response of the mounting that is measured, as last worked out."""
-        if not search:
-            return
-        history = self._sigmas.setdefault(search["where"], {})
-        history.update(enumerate(search["sigmas"], 1))
-        history[search["runs"]] = search["sigma_arcsec"]
-        self.query_one("#null-search", Plot).show(search["picture"])
-        counts = np.array(sorted(history), dtype=float)
-        sigmas = np.array([history[runs] for runs in sorted(history)])
-        title = f"σ(θ0) / arcsec: {search['sigma_arcsec']:.2f}″ after {search['runs']} runs"
-        lines = (Line(counts, sigmas), Line(counts, sigmas, mark="o"))
-        self.query_one("#sigma", Plot).show(Picture(title, lines, "runs", y_scale="log"))
+    def show_pictures(self, pictures: Sequence[Picture]) -> None:
+        """What the runs tell, as last worked out, the most telling first."""
+        self._pictures = pictures
+        self.query_one("#progress-body").set_class(not pictures, "no-pictures")
+        room = max(1, self.query_one("#progress-body").size.height // PLOT_ROWS)
+        for place, plot in enumerate(self.query(Plot)):
+            plot.display = place < min(room, len(pictures))
+            if plot.display:
+                plot.show(pictures[place])
+
+    def on_resize(self) -> None:
+        """Another number of plots has room."""
+        self.show_pictures(self._pictures)
 
     def _show_steps(self, view: StoreView) -> None:
         invalid = [run.run_id for run in view.runs if not run.valid]
@@ -143,8 +144,6 @@ class ProgressPage(Page):
         tree = self.query_one(Tree)
         chosen = self.chosen
         tree.clear()
-        nulls = any("mounting" in run.conditions for run in view.runs)
-        self.query_one("#progress-body").set_class(bool(view.runs) and not nulls, "no-nulls")
         for run in view.runs:
             if "mounting" not in run.conditions:  # nothing to gather runs under
                 tree.root.add_leaf(f"{'✓' if run.valid else '✗'} {run.run_id} {run.key}", run)

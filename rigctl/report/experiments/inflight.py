@@ -6,8 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from rigctl.campaign.store.store import Store
 from rigctl.experiments.inflight.analysis import result
+from rigctl.experiments.inflight.result.monte_carlo import DRAW, Draw, errors_of
+from rigctl.experiments.inflight.result.published import published
 from rigctl.report.drawn import Drawn
+from rigctl.report.picture import MARKS, Line, Picture
 from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
@@ -33,6 +39,29 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
     del lines_hz, found
     numbers = result(workbench)
     return Drawn(numbers, plates_of(numbers))
+
+
+def progress(store: Store) -> list[Picture]:
+    """Of a study: how far off its calibrations are, each by the parameter that is farthest from its objective."""
+    draws = [Draw.from_json(document.data) for document in store.documents(DRAW)]
+    if not draws:
+        return []
+    objectives = {name: row.objective for name, row in published().rows.items()}
+    number_of = np.array([draw.number for draw in draws], dtype=float)
+    lines = []
+    for place, (estimate, word) in enumerate((("paper", "published"), ("joint", "joint"))):
+        errors = errors_of(draws, estimate, "paper_truth") / np.array(list(objectives.values()))
+        # A parameter that no session calibrates has no error.
+        lines.append(Line(number_of, np.nanmax(errors, axis=1), f"{word} estimate", MARKS[place], place))
+    return [
+        Picture(
+            "largest error / objective, of ten parameters",
+            tuple(lines),
+            "draw",
+            levels=((1.0, "objective"),),
+            y_scale="log",
+        )
+    ]
 
 
 def calibration_table(result_json: Mapping[str, Any]) -> ResultTable:

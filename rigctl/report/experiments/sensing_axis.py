@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +12,10 @@ from rigctl.analysis.plane import ARCSEC
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.store.store import Store
-from rigctl.core.errors import DataError, ProcedureError
+from rigctl.core.errors import UNFIT, DataError, ProcedureError
 from rigctl.effects.catalogue import chosen
 from rigctl.experiments.sensing_axis.analysis import analyse, numbers, uncertainties_of
-from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_mounting
+from rigctl.experiments.sensing_axis.model.fit import RecordingFit, fit_mounting
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 from rigctl.experiments.sensing_axis.result.budget import axis_budgets
@@ -27,8 +28,8 @@ if TYPE_CHECKING:  # matplotlib, which a printed result does not need
     from rigctl.report.figures.sensing_axis.null_search import ResponseRow
     from rigctl.report.figures.sensing_axis.plane import PlaneRow
 
-FEW = 8
-"""Up to so many runs, the uncertainty of the null after each of them is computed too."""
+FITS = 8
+"""So many fits tell how the uncertainty of a null falls with its runs: each takes its time while a campaign runs."""
 
 
 def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
@@ -91,35 +92,39 @@ def _out_of_plane(rows: Sequence[PlaneRow]) -> Picture:
     return Picture(title, tuple(lines), "mounting", y_range=(-reach, reach), levels=levels)
 
 
-def null_search(store: Store) -> dict[str, Any]:
-    """The signed response of the last mounting against angle, and its null, as figure 12 shows them."""
+def progress(store: Store) -> list[Picture]:
+    """The signed response of the last mounting against angle with its null, as figure 12, and how sigma falls."""
     from rigctl.report.figures.sensing_axis.null_search import response_plate
 
     records = _last_mounting(store)
     if not records:
-        return {}
+        return []
     effects = chosen(store.header.experiment, campaign_of(store).model.effects)
     channels = store.header.channels
     runs = observables(
         [reduce_run(r.run_id, r.conditions, store.samples(r.run_id), channels=channels) for r in records], harmonics=1
     )
     first, calibration = runs[0], recorded_calibration(store.header)
-
-    def null_after(count: int) -> tuple[RecordingFit, NullPoint]:
-        fit = fit_mounting(runs[:count], *calibration, effects)
-        return fit, fit.null(*first.place)
-
-    fit, null = null_after(len(runs))
-    # Each is a fit of its own, which takes its time while a campaign runs; more are kept by the console.
-    earlier = range(1, len(runs)) if len(runs) <= FEW else ()
-    where, sigma_arcsec = f"{first.axis} {first.configuration} {first.mounting}", null.theta0_sigma_rad / ARCSEC
-    return {
-        "sigmas": [null_after(count)[1].theta0_sigma_rad / ARCSEC for count in earlier],
-        "where": where,
-        "runs": len(runs),
-        "sigma_arcsec": sigma_arcsec,
-        "picture": _response(f"{where}: S/(µm/s²/mm), ±{sigma_arcsec:.2f}″", response_plate("null", fit, runs).rows),
-    }
+    fits: dict[int, RecordingFit] = {}
+    sigmas_arcsec: dict[int, float] = {}
+    for count in np.unique(np.linspace(1, len(runs), FITS, dtype=int)).tolist():
+        # The first few do not determine a null.
+        with suppress(*UNFIT):
+            fits[count] = fit_mounting(runs[:count], *calibration, effects)
+            sigmas_arcsec[count] = fits[count].null(*first.place).theta0_sigma_rad / ARCSEC
+    if len(runs) not in sigmas_arcsec:
+        return []
+    sigma_arcsec = sigmas_arcsec[len(runs)]
+    title = f"{first.axis} {first.configuration} {first.mounting}: S/(µm/s²/mm), ±{sigma_arcsec:.2f}″"
+    response = _response(title, response_plate("null", fits[len(runs)], runs).rows)
+    counts, sigmas = np.array(list(sigmas_arcsec), dtype=float), np.array(list(sigmas_arcsec.values()))
+    falling = Picture(
+        f"σ(θ0) / arcsec: {sigma_arcsec:.2f}″ after {len(runs)} runs",
+        (Line(counts, sigmas), Line(counts, sigmas, mark="o")),
+        "runs",
+        y_scale="log",
+    )
+    return [response, falling]
 
 
 def _response(title: str, rows: Sequence[ResponseRow]) -> Picture:

@@ -63,11 +63,7 @@ def tables(draws: Sequence[Draw], constants: Mapping[str, float] = MappingProxyT
     """
     if not draws:
         raise DataError("the study has no draws yet; run it")
-    errors = {
-        (estimate, truth): np.abs(_values(draws, "estimates", estimate) - _values(draws, "truths", truth))
-        for estimate in ESTIMATES
-        for truth in TRUTHS
-    }
+    errors = {(estimate, truth): errors_of(draws, estimate, truth) for estimate in ESTIMATES for truth in TRUTHS}
     sigmas = {estimate: np.nanmean(_values(draws, "sigmas", estimate), axis=0) for estimate in ESTIMATES}
     return {
         "draws": len(draws),
@@ -93,6 +89,11 @@ def tables(draws: Sequence[Draw], constants: Mapping[str, float] = MappingProxyT
         **_pulls(draws, constants),
         **_tests(draws),
     }
+
+
+def errors_of(draws: Sequence[Draw], estimate: str, truth: str) -> FloatArray:
+    """|estimate - truth|, shape (draws, 10), of one of `ESTIMATES` and of `TRUTHS`; NaN without an estimate."""
+    return np.abs(_values(draws, "estimates", estimate) - _values(draws, "truths", truth))
 
 
 def _pulls(draws: Sequence[Draw], constants: Mapping[str, float]) -> dict[str, Any]:
