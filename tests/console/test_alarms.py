@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from pathlib import Path
 from typing import Any
@@ -14,14 +15,17 @@ from rigctl.campaign.session import locks
 from rigctl.campaign.session.heartbeat import STALLED_S, beat
 from rigctl.campaign.session.questions import Question
 from rigctl.campaign.store.store import Store
-from rigctl.console import telling
+from rigctl.console import analyses, telling
 from rigctl.console.alarms import Alarm, alarms_of
+from rigctl.console.analyst import Analyst
 from rigctl.console.readings import recorded_instruments
 from rigctl.console.screens.rig import _rows
 from rigctl.console.store_view import StoreView
 from rigctl.console.telling import Bell, Notes
 from rigctl.console.vitals import NOTHING_RECORDED_S, Vitals
 from rigctl.core.making_safe import Rest
+from rigctl.report.watch import Watch
+from rigctl.workbench.misfits import RunMisfit
 
 STORE = Path("night.rig.sqlite")
 RIG = '[instruments.oven]\nrole = "thermometer"\ndriver = "x"\naddress = "{address}"\n'
@@ -87,6 +91,37 @@ def test_who_has_not_confirmed_to_be_at_rest_stays_the_first_alarm() -> None:
     first, second = alarms_of(seen(), signs(60.0, 1.0), (), unsafe)
     assert first.text == "stage: NOT CONFIRMED: no answer within 5 s; look at it"
     assert second.key.startswith("stalled")
+
+
+def test_a_run_far_from_the_model_is_an_alarm_until_it_is_left_out(
+    measured: Path, tmp_path: Path, at_console: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As worked out anew whenever a run has come or has been marked, on every screen, while the campaign runs."""
+    path = tmp_path / "night.rig.sqlite"
+    shutil.copy(measured, path)
+
+    async def found(_: Analyst, what: str, store: Path, *_arguments: Any, live: bool = False) -> Watch:
+        assert (what == "watched") == live
+        with Store.open(store, readonly=True) as opened:
+            spoilt = [run.run_id for run in opened.runs(valid_only=True) if run.run_id in {"3", "7"}]
+        return Watch((), tuple(RunMisfit(run_id, -4.0 - int(run_id), "accel_v", "DC") for run_id in spoilt))
+
+    monkeypatch.setattr(Analyst, "ask", found)
+    monkeypatch.setattr(analyses, "LIVE_S", 0.1)
+
+    async def sitting(seat: Any) -> None:
+        await seat.press("5")
+        await seat.sees("! Run 7 is 11 sigma off the model in accel_v (and 1 more): 2 m, 4 g")
+        with Store.open(path) as opened:
+            opened.mark("7", False, "the door")
+        await seat.sees("! Run 3 is 7 sigma off the model in accel_v: 2 m, 4 g")
+        with Store.open(path) as opened:
+            opened.mark("3", False, "the door again")
+        await seat.until(lambda: "sigma off" not in seat.text)
+
+    with locks.held(locks.store_lock(path), "held"):
+        beat(path)
+        at_console(sitting, path)
 
 
 def test_the_bell_rings_for_what_is_new_and_again_for_what_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:

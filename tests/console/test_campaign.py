@@ -92,7 +92,7 @@ def test_pause_and_resume_reach_the_campaign(desk: Any, serve: Any, at_console: 
         await seat.sees("Nothing was moved")
         await starts(seat, unattended=True)
         await seat.sees("RUNNING")
-        await seat.sees("null search")  # how it goes, not what the dry run said
+        await seat.sees("S/(µm/s²/mm)")  # how it goes, not what the dry run said
         await seat.press("p")
         await seat.sees("PAUSED")
         await seat.press("r")

@@ -29,6 +29,7 @@ from rigctl.experiments.inflight.result.draws import NotWanted
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.files.campaign_file import CampaignFile, read_campaign
 from rigctl.files.rig_file import read_rig
+from rigctl.report.experiments import inflight as inflight_report
 from rigctl.rig import Rig
 from simulators.worlds.satellite.instrument import drawn
 from simulators.worlds.satellite.layout import COLUMNS
@@ -212,6 +213,33 @@ def test_a_study_that_cannot_be_is_refused(
     with pytest.raises(error) as refused:
         runner.dry_run(read_campaign(tmp_path / "campaign.toml"), read_rig(tmp_path / "rig.toml"))
     assert says in str(refused.value)
+
+
+def test_errors_are_seen_before_the_study_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first sixteen draws are scored before a session of the two others is taken."""
+    done: list[str] = []
+
+    def noted(name: str, what: str) -> None:
+        doing = getattr(monte_carlo, name)
+
+        def both(*arguments: Any) -> Any:
+            done.append(what)
+            return doing(*arguments)
+
+        monkeypatch.setattr(monte_carlo, name, both)
+
+    noted("_awaited", "session")
+    noted("estimated", "score")
+    path = studied(tmp_path, 1)
+    sessions = ["session"] * (done.index("score"))
+    assert done == [*sessions, *["score"] * 16, *sessions, *["score"] * 2]
+    with Store.open(path, readonly=True) as store:
+        (largest,) = inflight_report.progress(store)
+    published, joint = largest.lines
+    assert list(published.x) == list(joint.x) == list(range(18))
+    table2 = results.of(path)["table2"]
+    worst = max(row["joint"]["paper_truth"]["worst"] / row["objective"] for row in table2.values())
+    assert joint.y.max() == pytest.approx(worst)
 
 
 def test_a_scheduler_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:

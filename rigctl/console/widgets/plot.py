@@ -113,8 +113,9 @@ class Plot(Widget):
     def show(self, picture: Picture) -> None:
         """Draw another picture."""
         self.picture = picture
-        # Of another size or in other colours no row is as it was.
+        # Of another size or in other colours no row is as it was; what is hidden may come back at its old size.
         if self._drawn_for != self._looks:
+            self._drawn_for = ()
             self.refresh()
             return
         before, self._rows = self._rows, drawn(picture, *self.size, self._palette)
