@@ -21,6 +21,7 @@ from rigctl.experiments.rotating_platform.observe.run_noise import (
     joint_covariance,
     likelihood,
     run_noise,
+    white_sizes,
 )
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
 
@@ -32,6 +33,8 @@ _SAME = 1e-3
 """A column of the geometry that differs by less from period to period does so by the encoder's noise."""
 _TOLD = 0.1
 """A gain of a tilt, which is 1, is told by a run where its standard error is less."""
+_LEAST_LEVEL = 1e-3
+"""Of an output's noise over that of the others, each in units of what white noise makes of it."""
 _OWN_COMMAND = {"z": 0, "y": 3}
 """Which of the baseline's columns is the tilt commanded along a channel's axis."""
 
@@ -115,10 +118,13 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     size = np.linalg.norm(design[seen], axis=0)
     design = design / np.where(size > 0.0, size, 1.0)
     residuals = outputs
+    white = white_sizes(reducer.sampled, reducer.per_group)[:, None]
     # An output in which an external signal is large must not count by its size: by what is left of it.
     for _ in range(_REWEIGHTED):
-        scale = np.nanstd(residuals, axis=1, keepdims=True)
-        scale = np.where(scale > 0.0, scale, 1.0)
+        level = np.nanstd(residuals, axis=1, keepdims=True) / white
+        # Where few periods leave nothing of one it must not outweigh all others.
+        level = np.maximum(level, _LEAST_LEVEL * np.median(level))
+        scale = white * np.where(level > 0.0, level, 1.0)
         matrix = (design / scale[:, :, None])[seen]
         coefficients, *_ = np.linalg.lstsq(matrix, (outputs / scale)[seen], rcond=_RANK)
         residuals = outputs - design @ coefficients

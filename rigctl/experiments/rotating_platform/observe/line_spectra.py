@@ -36,6 +36,14 @@ class Spectra:
     peaks: Mapping[str, float]
 
 
+@dataclass(frozen=True)
+class _Part:
+    """A stretch of a run as it is scanned; so many of its frequencies are `independent` of each other."""
+
+    scanned: ScannedRun
+    independent: float
+
+
 def spectra(kept: Kept, runs: Mapping[str, tuple[Cells, Iterable[Columns]]], chains: Chains) -> Spectra:
     """The scan of these runs, in order of time; kept as long as the runs are the same."""
     names = [f"{run_id} {channel}" for run_id in runs for channel in CHANNELS]
@@ -48,7 +56,7 @@ def spectra(kept: Kept, runs: Mapping[str, tuple[Cells, Iterable[Columns]]], cha
         half = number_of_run & 1
         for channel, parts in _scanned(chunks, chains, cells).items():
             for number, part in enumerate(parts):
-                scan.add(f"{run_id} {channel} {number}", (channel, half), part)
+                scan.add(f"{run_id} {channel} {number}", (channel, half), part.scanned)
             peaks[f"{run_id} {channel}"] = _peak(parts)
     packed = scan.packed()
     kept.put(_SCAN, Packed({**packed.head, _PEAKS: peaks}, packed.arrays))
@@ -59,8 +67,8 @@ def _unpacked(kept: Packed) -> Spectra:
     return Spectra(LineScan.unpacked(kept), kept.head[_PEAKS])
 
 
-def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[str, list[ScannedRun]]:
-    parts: dict[str, list[ScannedRun]] = {channel: [] for channel in CHANNELS}
+def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[str, list[_Part]]:
+    parts: dict[str, list[_Part]] = {channel: [] for channel in CHANNELS}
     for block in residual_blocks(chunks, chains, cells):
         usable = max(float(block.whole.sum()), 1.0)
         kept = float(np.tile(block.kept, len(block.whole)) @ np.repeat(block.whole, cells.samples))
@@ -74,7 +82,7 @@ def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[st
     return parts
 
 
-def _part(left: FloatArray, kept: float, cells: Cells, whole: FloatArray) -> ScannedRun | None:
+def _part(left: FloatArray, kept: float, cells: Cells, whole: FloatArray) -> _Part | None:
     """One stretch's powers in units of their level, as the mean of the neighbours' logarithms.
 
     `whole` are the periods that count, shape (periods,): their mean has been taken off `left`.
@@ -108,7 +116,9 @@ def _part(left: FloatArray, kept: float, cells: Cells, whole: FloatArray) -> Sca
     logarithm = np.log(np.maximum(normal, np.finfo(float).tiny)) * use
     # A line's power in units of the noise, less what the periods' mean has taken of it.
     inverse = inverse * remains
-    return ScannedRun(step_hz, duration_s, rate_hz, np.stack([use, normal, logarithm, inverse]))
+    # Samples that are left out, and the periods' mean that is taken off, leave as many fewer.
+    independent = float(use.sum()) * step_hz * duration_s * (kept / left.size) * (1.0 - 1.0 / float(whole.sum()))
+    return _Part(ScannedRun(step_hz, duration_s, rate_hz, np.stack([use, normal, logarithm, inverse])), independent)
 
 
 def _slope(frequency: FloatArray, logs: FloatArray, use: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -128,18 +138,24 @@ def _slope(frequency: FloatArray, logs: FloatArray, use: FloatArray) -> tuple[Fl
     return np.asarray(course), np.asarray(seen)
 
 
-def _peak(parts: Sequence[ScannedRun]) -> float:
-    """The highest peak of a run, as the normal deviate that is as unlikely; about N(0, 1) without a line."""
-    log_p, trials = 0.0, 0.0
+def _peak(parts: Sequence[_Part]) -> float:
+    """The highest peak of a run, as the normal deviate that is as unlikely; about N(0, 1) without a line.
+
+    A peak over a level that so many neighbours tell goes as F; between independent frequencies a spectrum has
+    peaks too, sqrt(height) times as many (Baluev, MNRAS 385 (2008) 1279, eq. 6).
+    """
+    log_p, height = 0.0, 0.0
     for part in parts:
-        use, power = part.sums[0], part.sums[1]
-        trials += float(use.sum())
-        log_p = min(log_p, -float(power.max()))
-    if not trials:
+        highest = float(part.scanned.sums[1].max())
+        neighbours = _LEVEL_BINS * part.scanned.step_hz * part.scanned.duration_s
+        alone = -neighbours * math.log1p(highest / neighbours)
+        if alone < log_p:
+            log_p, height = alone, highest
+    if not height:
         return 0.0
-    # One minus the chance that none of so many exponentials is as high.
-    none = trials * math.log1p(-math.exp(log_p)) if log_p < 0.0 else -math.inf
-    p = -math.expm1(none)
+    chances = sum(part.independent for part in parts) * math.sqrt(height) * math.exp(log_p)
+    # One minus the chance that there is none as high.
+    p = -math.expm1(-chances)
     return float(stats.norm.isf(max(p, 1e-300))) if p < 1.0 else -8.0
 
 

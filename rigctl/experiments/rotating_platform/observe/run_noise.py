@@ -103,23 +103,28 @@ def likelihood(
     cost, power = np.zeros(shape), np.zeros(shape)
     count = 0.0
     waves = _tapered_waves(groups, lowest)
-    lost = (np.abs(np.tensordot(waves, fitted, axes=([2], [1]))) ** 2).sum(axis=(1, 2, 3))
-    share = 1.0 - lost / (len(series) * (np.abs(waves) ** 2).sum(axis=(1, 2)))
+    # Output by output: what is slow is in the bias, and so is what was fitted to it.
+    lost = (np.abs(np.tensordot(waves, fitted, axes=([2], [1]))) ** 2).sum(axis=(1, 3))
+    share = 1.0 - lost / (np.abs(waves) ** 2).sum(axis=(1, 2))[:, None]
     share = np.where(share > _NOTHING_LEFT, share, 0.0)
     if share.any():
         drawn = np.einsum("jkg,ag->jka", waves, series)
         white, red = _spectra(sampled, per_group, groups, lowest)
         factor = np.linalg.inv(np.linalg.cholesky(white))
         # A transform at the Nyquist place is real: half a datum. Tapers overlap: neighbours are not independent.
-        weight = np.where(numbers * 2 == groups, 0.5, 1.0) / (1.0 + 0.5 / TAPERS) * (share > 0.0)
-        count += 4.0 * float(weight @ share)
+        weight = np.where(numbers * 2 == groups, 0.5, 1.0) / (1.0 + 0.5 / TAPERS)
+        count += float(weight @ share.sum(axis=1))
         for row, density in enumerate(red):
             # White and red are made diagonal together, so that a further ratio costs a division.
             strength, turn = np.linalg.eigh(factor @ density @ factor.conj().swapaxes(1, 2))
-            seen = np.einsum("jab,jka->jkb", turn.conj(), np.einsum("jab,jkb->jka", factor, drawn))
+            ways = turn.conj().swapaxes(1, 2) @ factor
+            seen = np.einsum("jba,jka->jkb", ways, drawn)
+            # What of white noise in each of them comes from which output adds up to one.
+            of_output = (ways * (white @ ways.conj().swapaxes(1, 2)).swapaxes(1, 2)).real
+            left = np.einsum("jba,ja->jb", of_output, share)
             grown = 1.0 + np.maximum(strength, 0.0)[None] * RATIOS[:, None, None]
-            power[row] += np.einsum("j,rja->r", weight, (np.abs(seen) ** 2).mean(axis=1)[None] / grown)
-            cost[row] += np.einsum("j,rja->r", weight * share, np.log(grown))
+            power[row] += np.einsum("j,rjb->r", weight, (np.abs(seen) ** 2).mean(axis=1)[None] / grown)
+            cost[row] += np.einsum("j,jb,rjb->r", weight, left, np.log(grown))
     transform, frequency, share_hz = _transforms(sampled.sample_rate_hz, scatter.weights)
     seen_power = np.abs(transform) ** 2
     plain = seen_power @ share_hz
@@ -201,6 +206,12 @@ def _between_levels(logs: FloatArray, variance: FloatArray, likelihood_log: Floa
     scale = weight.sum() - float(weight @ weight) / weight.sum()
     found = max(0.0, (scatter - spare) / scale) if spare else 0.0
     return (_USUAL_BETWEEN + spare * found) / (spare + 1)
+
+
+def white_sizes(sampled: SampledPattern, per_group: int) -> FloatArray:
+    """Standard deviations of the four outputs of a group in white noise of one unit^2/Hz, (4,)."""
+    rows, rate_hz = _grouped(sampled, per_group)
+    return np.asarray(np.sqrt(rate_hz * (rows**2).sum(axis=1)))
 
 
 def joint_covariance(noise: RunNoise, sampled: SampledPattern, per_group: int, which: Sequence[int]) -> FloatArray:

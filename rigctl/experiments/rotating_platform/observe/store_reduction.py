@@ -24,7 +24,7 @@ from rigctl.experiments.rotating_platform.observe.recorded import COMMANDS, Chai
 VERSION = 13
 """Of what is kept: counted up whenever cutter.py would give other numbers."""
 
-_SCAN_VERSION = 14
+_SCAN_VERSION = 15
 """The same of scans, whenever line_spectra.py would."""
 
 
