@@ -196,6 +196,7 @@ class Analyses:
             "add": self._tell_version,
             "remove": self._tell_version,
             "mark": self._tell_mark,
+            "write": lambda made: self._tell(f"written: {made['written']}", "information"),
         }
         if (pending := shows[what](answer)) is not None:
             await pending

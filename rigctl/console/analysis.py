@@ -10,11 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from rigctl import results, runner
+from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.store.store import Store
+from rigctl.certificate import issue
+from rigctl.certificate.content import certificate_of
 from rigctl.composition import opened_workbench
+from rigctl.core.clock import utc_now
 from rigctl.core.errors import ConfigError
 from rigctl.files.campaign_file import read_campaign
+from rigctl.files.certificate_file import CertificateDetails
 from rigctl.files.rig_file import read_rig
+from rigctl.report.document import write_report
 from rigctl.report.drawn import DrawingForConsole, drawing_of
 from rigctl.report.figures.residuals import axis_label, residual_plate
 from rigctl.report.picture import Picture
@@ -113,6 +119,28 @@ def mark(store: Path, run_id: str, valid: bool, reason: str, plugins: Plugins) -
     with Store.open(store) as opened:
         opened.mark(run_id, valid, reason)
     return {"run_id": run_id, "valid": valid, "reason": reason}
+
+
+def write(store: Path, kind: str, path: Path, plugins: Plugins) -> Json:
+    """`rigctl report`, `certificate` or `export`, by one of `rigctl.console.writing.KINDS`."""
+    if kind == "bundle":
+        with Store.open(store, readonly=True) as opened:
+            write_bundle(opened, path)
+        return {"written": str(path)}
+    if kind == "certificate":
+        issue.form_of(path)
+    with opened_workbench(store, plugins) as workbench:
+        if kind == "certificate":
+            made = certificate_of(workbench, CertificateDetails(), utc_now(), unfinished=False, tell=_nobody)
+            issue.write(made, path)
+        else:
+            page, figures = (path, None) if kind == "report" else (None, path)
+            write_report(workbench, page, figures, _nobody)
+    return {"written": str(path)}
+
+
+def _nobody(line: str) -> None:
+    """Progress of what the console shows as one job."""
 
 
 def add(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Json]:

@@ -18,7 +18,8 @@ from rigctl.console.campaigns import Campaigns
 from rigctl.console.place import kind_of
 from rigctl.console.shell import Shell, while_running
 from rigctl.console.widgets.bars import SCREENS
-from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog
+from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog, TextDialog
+from rigctl.console.writing import proposed, refusal
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import RigError
 from rigctl.core.making_safe import STOP_SIGNAL, TERMINAL_LOST, Rest, ended_by_signals
@@ -329,6 +330,19 @@ class Console(Shell):
             self._holding.give(lambda: self._campaigns.resume(view.path))
             return
         self._send("request", view.path, message.kind)
+
+    def on_write_asked(self, message: say.WriteAsked) -> None:
+        """Ask for a name, then have it written."""
+        view, kind = self._view, message.kind
+        if view is None:
+            self._note("open a store first: o", "warning")
+            return
+
+        def write(name: str) -> None:
+            self._act(f"write the {kind} of {view.path} to {name.strip()}")
+            self._analyses.ask(view.path, "write", kind, Path(name.strip()))
+
+        TextDialog(f"Write the {kind}", "to", str(proposed(kind, view.path)), refusal).ask(self, write)
 
     def on_analysis_asked(self, message: say.AnalysisAsked) -> None:
         """Have something worked out from the store that is open."""

@@ -23,7 +23,8 @@ EVERYWHERE
             r resume, a abort; among the steps ↑ ↓ Enter choose a run,
             m leaves it out or uses it again. It runs in a process of its
             own: quitting the console, or losing it, does not end it.
-3 RESULTS   f work out, v compare with another store
+3 RESULTS   f work out, v compare with another store, w write a report,
+            figures, a certificate or a bundle
 4 WORKBENCH f fit, g diagnose, a add, x remove, n next, v residuals
             against another covariate
 5 LOG       / search, w alarms only
@@ -59,6 +60,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "Campaign: edit": ("pane('campaign', 'edit')", "The file as a form (e)"),
     "Results: update": ("pane('results', 'update')", "Work the result out anew (f)"),
     "Results: compare": ("pane('results', 'compare')", "With the runs of another store (v)"),
+    "Results: write": ("pane('results', 'write')", "A report, figures, a certificate, a bundle (w)"),
     "Workbench: fit": ("pane('workbench', 'ask', 'fit')", "Fit the current model (f)"),
     "Workbench: diagnose": ("pane('workbench', 'ask', 'diagnose')", "Which effect is missing? (g)"),
     "Workbench: add effect": ("pane('workbench', 'add')", "A new version of the model (a)"),

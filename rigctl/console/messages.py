@@ -71,6 +71,13 @@ class AnalysisAsked(Message):
 
 
 @dataclass
+class WriteAsked(Message):
+    """Write what is known of the store that is open to a file: one of `rigctl.console.writing.KINDS`."""
+
+    kind: str
+
+
+@dataclass
 class SearchAsked(Message):
     """Search the events of the store that are not kept on the screen."""
 

@@ -15,10 +15,11 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widget import Widget
 from textual.widgets import Static
 
-from rigctl.console.messages import AnalysisAsked
-from rigctl.console.widgets.dialogs import OpenDialog
+from rigctl.console.messages import AnalysisAsked, WriteAsked
+from rigctl.console.widgets.dialogs import OpenDialog, PickDialog
 from rigctl.console.widgets.pages import Page, Pages
 from rigctl.console.widgets.plot import Plot
+from rigctl.console.writing import KINDS
 from rigctl.report.picture import Picture
 from rigctl.report.tables.result_table import ResultTable, rich_table
 from rigctl.report.tables.workbench import transfer_table
@@ -33,6 +34,7 @@ class ResultsPane(Vertical):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f", "update", "Work out"),
         Binding("v", "compare", "Compare with"),
+        Binding("w", "write", "Write"),
     ]
 
     def __init__(self) -> None:
@@ -88,6 +90,11 @@ class ResultsPane(Vertical):
     def action_update(self) -> None:
         """Have the result worked out."""
         self.post_message(AnalysisAsked("result"))
+
+    def action_write(self) -> None:
+        """Ask what; under which name is asked then."""
+        kinds = [(kind, written.explanation) for kind, written in KINDS.items()]
+        PickDialog("Write what?", kinds).ask(self.app, lambda kind: self.post_message(WriteAsked(kind)))
 
     def action_compare(self) -> None:
         """Ask with which store."""
