@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,9 @@ from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
 from rigctl.core.toml import to_toml
 from rigctl.files.campaign_file import CampaignFile, parse_campaign
+from rigctl.workbench.next.recommendation import Recommendation
 from rigctl.workbench.study import Proposal
+from rigctl.workbench.workbench import Workbench
 
 
 def require_rig(store: Store) -> str:
@@ -22,6 +24,18 @@ def require_rig(store: Store) -> str:
     if text is None:
         raise DataError(f"{store.path}: no rig of ours measured it: leave out --write and take the values shown")
     return text
+
+
+def write_next(workbench: Workbench, path: Path, tell: Callable[[str], None]) -> Recommendation:
+    """Write what to measure next as a campaign file; `DataError` without a rig, or with nothing to measure."""
+    # First: what to measure takes minutes to find, and cannot be written without a rig.
+    require_rig(workbench.store)
+    found = workbench.recommend(tell)
+    if not found.runs:
+        raise DataError(f"{workbench.store.path}: there is nothing to write: {found.words}")
+    title, effects = f"Next: {found.purpose}", workbench.current.effects
+    path.write_text(campaign_text(workbench.store, found.runs, title, path, effects), encoding="utf-8")
+    return found
 
 
 def campaign_text(store: Store, runs: Sequence[Proposal], title: str, path: Path, effects: Sequence[str]) -> str:

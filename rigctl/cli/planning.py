@@ -11,9 +11,8 @@ import typer
 from rigctl import planning, runner
 from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, Unchecked, print_json, say, tell
 from rigctl.composition import opened_workbench
-from rigctl.core.errors import DataError
 from rigctl.core.making_safe import ended_by_signals
-from rigctl.files.campaign_file import parse_campaign, read_campaign
+from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.investigate import Settings
 from rigctl.investigate import investigate as carry_out
@@ -34,23 +33,14 @@ def next_(
 ) -> None:
     """The measurement that best separates what is ambiguous, or most tightens the result."""
     with opened_workbench(store, plugin or ()) as workbench:
-        if write is not None:
-            # First: what to measure takes minutes to find, and cannot be written without a rig.
-            planning.require_rig(workbench.store)
-        recommendation = workbench.recommend(tell)
-        if write is not None:
-            if not recommendation.runs:
-                raise DataError(f"{store}: there is nothing to write: {recommendation.words}")
-            title, effects = f"Next: {recommendation.purpose}", workbench.current.effects
-            text = planning.campaign_text(workbench.store, recommendation.runs, title, write, effects)
-            write.write_text(text, encoding="utf-8")
+        recommendation = workbench.recommend(tell) if write is None else planning.write_next(workbench, write, tell)
     if as_json:
         print_json({**recommendation.as_json(), "written": None if write is None else str(write)})
         return
     print_recommendation(recommendation.as_json())
     if write is not None:
         plugin_options = "".join(f" --plugin {path}" for path in plugin or ())
-        into = store if parse_campaign(text, write).goes_on else write.with_suffix(".rig.sqlite")
+        into = store if read_campaign(write).goes_on else write.with_suffix(".rig.sqlite")
         say(f"written: {write}; measure it with `rigctl run {write} --store {into}{plugin_options}`")
 
 

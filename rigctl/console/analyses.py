@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rigctl.console.messages import Severity
+from rigctl.console.messages import FileWritten, Severity
 from rigctl.console.screens.panes import Panes
 from rigctl.console.store_view import StoreView
 from rigctl.core.errors import RigError
@@ -57,7 +57,7 @@ class Analyses:
         self, panes: Panes, plugins: Sequence[Path], start: Start, tell: Callable[[str, Severity], None]
     ) -> None:
         self._panes = panes
-        self._plugins = plugins
+        self.plugins = list(plugins)
         self._start = start
         self._tell = tell
         self._watched: tuple[object, ...] = ()
@@ -99,7 +99,7 @@ class Analyses:
     def _analyst(self) -> Analyst:
         from rigctl.console.analyst import Analyst  # pools of processes are imported after the first paint
 
-        return Analyst(self._plugins)
+        return Analyst(self.plugins)
 
     def ask(self, store: Path, what: str, *arguments: Any, quiet: bool = False, undo: bool = True) -> None:
         """A function of `rigctl.console.analysis`; `quiet` ones nobody has asked for, and none is told of failing.
@@ -116,6 +116,12 @@ class Analyses:
         job = Job("dry_run", campaign, time.monotonic(), quiet=False)
         self._jobs.append(job)
         self._start("dry-run", self._try_out(job))
+
+    def load(self, plugin: Path, store: Path | None) -> None:
+        """Have the effects of a file in the catalogue from now on, if it can be loaded; again when it was changed."""
+        job = Job("effects", plugin, time.monotonic(), quiet=False)
+        self._jobs.append(job)
+        self._start("analysis", self._load(job, store))
 
     def follow(self, view: StoreView) -> None:
         """What runs tell is worked out anew when there are others, as often as it does not keep a core busy."""
@@ -146,6 +152,20 @@ class Analyses:
             took_s = time.monotonic() - begun_s
             self._watch_again_s = time.monotonic() + max(LIVE_S, took_s / LIVE_SHARE - took_s)
             self._watching = False
+
+    async def _load(self, job: Job, store: Path | None) -> None:
+        try:
+            effects: Sequence[str] = await self._analyst.ask("effects", job.store)
+        except Exception as error:  # noqa: BLE001 - told to the operator
+            self._tell(f"cancelled: {job}" if job.cancelled else in_one_line(error), "error")
+            return
+        finally:
+            self._jobs.remove(job)
+        if job.store not in self.plugins:
+            self.plugins.append(job.store)
+        self._tell(f"{job.store}: {', '.join(effects)} can be added", "information")
+        if store is not None:
+            self.ask(store, "model", quiet=True)
 
     async def _try_out(self, job: Job) -> None:
         pane = self._panes.campaign
@@ -196,7 +216,7 @@ class Analyses:
             "add": self._tell_version,
             "remove": self._tell_version,
             "mark": self._tell_mark,
-            "write": lambda made: self._tell(f"written: {made['written']}", "information"),
+            "write": self._tell_written,
         }
         if (pending := shows[what](answer)) is not None:
             await pending
@@ -208,6 +228,9 @@ class Analyses:
         if what == "fit":
             self.ask(store, "history", quiet=True)
             self.ask(store, "residuals", bench.covariate, quiet=True)
+
+    def _tell_written(self, made: Mapping[str, Any]) -> None:
+        self._panes.workbench.post_message(FileWritten(made["kind"], Path(made["written"])))
 
     def _tell_mark(self, made: Mapping[str, Any]) -> None:
         state = "valid" if made["valid"] else "invalid"

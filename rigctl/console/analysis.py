@@ -5,11 +5,11 @@ Every function takes and returns what can be sent between processes. Only that p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rigctl import results, runner
+from rigctl import planning, results, runner
 from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.store.store import Store
 from rigctl.certificate import issue
@@ -17,6 +17,7 @@ from rigctl.certificate.content import certificate_of
 from rigctl.composition import opened_workbench
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import ConfigError
+from rigctl.effects.plugins import load
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.certificate_file import CertificateDetails
 from rigctl.files.rig_file import read_rig
@@ -27,7 +28,9 @@ from rigctl.report.picture import Picture
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.report.verdicts import comparison_sentence
 from rigctl.report.watch import Watch, watch
+from rigctl.workbench.draft import drafted
 from rigctl.workbench.verdict.covariates import distinct
+from rigctl.workbench.workbench import Workbench
 
 Plugins = Sequence[Path]
 Json = dict[str, Any]
@@ -122,21 +125,44 @@ def mark(store: Path, run_id: str, valid: bool, reason: str, plugins: Plugins) -
 
 
 def write(store: Path, kind: str, path: Path, plugins: Plugins) -> Json:
-    """`rigctl report`, `certificate` or `export`, by one of `rigctl.console.writing.KINDS`."""
-    if kind == "bundle":
-        with Store.open(store, readonly=True) as opened:
-            write_bundle(opened, path)
-        return {"written": str(path)}
-    if kind == "certificate":
-        issue.form_of(path)
+    """What a command writes to a file, by one of `rigctl.console.writing.KINDS`."""
     with opened_workbench(store, plugins) as workbench:
-        if kind == "certificate":
-            made = certificate_of(workbench, CertificateDetails(), utc_now(), unfinished=False, tell=_nobody)
-            issue.write(made, path)
-        else:
-            page, figures = (path, None) if kind == "report" else (None, path)
-            write_report(workbench, page, figures, _nobody)
-    return {"written": str(path)}
+        _WRITTEN[kind](workbench, path)
+    return {"kind": kind, "written": str(path)}
+
+
+def _write_bundle(workbench: Workbench, path: Path) -> None:
+    write_bundle(workbench.store, path)
+
+
+def _write_certificate(workbench: Workbench, path: Path) -> None:
+    # First: what it says takes its time to be worked out.
+    issue.form_of(path)
+    issue.write(certificate_of(workbench, CertificateDetails(), utc_now(), unfinished=False, tell=_nobody), path)
+
+
+def _write_campaign(workbench: Workbench, path: Path) -> None:
+    planning.write_next(workbench, path, _nobody)
+
+
+def _write_draft(workbench: Workbench, path: Path) -> None:
+    path.write_text(drafted(workbench, workbench.diagnose()), encoding="utf-8")
+
+
+_WRITTEN: Mapping[str, Callable[[Workbench, Path], object]] = {
+    "report": lambda workbench, path: write_report(workbench, path, None, _nobody),
+    "figures": lambda workbench, path: write_report(workbench, None, path, _nobody),
+    "certificate": _write_certificate,
+    "bundle": _write_bundle,
+    "campaign": _write_campaign,
+    "draft": _write_draft,
+}
+
+
+def effects(plugin: Path, plugins: Plugins) -> list[str]:
+    """Ids of the effects of a file of one's own; `PluginError` and `ConfigError` when it cannot be used."""
+    del plugins
+    return list(load(plugin).effects)
 
 
 def _nobody(line: str) -> None:

@@ -17,17 +17,20 @@ from typing import Any
 
 
 class Analyst:
-    """One process for what takes long, one for what is shown live; made when they are first asked."""
+    """One process for what takes long, one for what is shown live; made when they are first asked.
+
+    `plugins` may grow meanwhile.
+    """
 
     def __init__(self, plugins: Sequence[Path] = ()) -> None:
-        self._plugins = tuple(plugins)
+        self._plugins = plugins
         self._pools: dict[bool, ProcessPoolExecutor] = {}
 
     async def ask(self, what: str, *arguments: Any, live: bool = False) -> Any:
         """The outcome of a function of `rigctl.console.analysis`; raises what it raises."""
         pool = self._pool(live)
         try:
-            return await _outcome(pool.submit(_work_out, what, *arguments, self._plugins))
+            return await _outcome(pool.submit(_work_out, what, *arguments, tuple(self._plugins)))
         except BrokenProcessPool:
             # A pool that is broken stays so; the next question makes another, if none has yet.
             if self._pools.get(live) is pool:

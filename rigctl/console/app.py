@@ -19,7 +19,7 @@ from rigctl.console.place import kind_of
 from rigctl.console.shell import Shell, while_running
 from rigctl.console.widgets.bars import SCREENS
 from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog, TextDialog
-from rigctl.console.writing import proposed, refusal
+from rigctl.console.writing import KINDS, look_at, proposed, refusal
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import RigError
 from rigctl.core.making_safe import STOP_SIGNAL, TERMINAL_LOST, Rest, ended_by_signals
@@ -145,6 +145,9 @@ class Console(Shell):
 
     def _open(self, path: Path) -> str:
         """Open a file; returns the screen on which it is seen."""
+        if path.suffix == ".py":
+            self._analyses.load(path, self._view.path if self._view else None)
+            return self.kept.screen
         if path.suffix != ".toml":
             self._watch(path)
             return self.kept.screen
@@ -261,10 +264,10 @@ class Console(Shell):
 
         near = [
             p
-            for pattern in ("*.rig.sqlite", "*.toml", "campaigns/*.toml", "out/*.rig.sqlite")
+            for pattern in ("*.rig.sqlite", "*.toml", "*.py", "campaigns/*.toml", "out/*.rig.sqlite")
             for p in sorted(Path().glob(pattern))
         ]
-        OpenDialog("Open a rig file, a campaign file or a store", near).ask(self, go)
+        OpenDialog("Open a rig file, a campaign file, a store or a plug-in", near).ask(self, go)
 
     def action_bench(self) -> None:
         """Hold the rig."""
@@ -309,7 +312,7 @@ class Console(Shell):
         self._act(f"start {launch.campaign} into {launch.store}")
 
         def go() -> None:
-            self._campaigns.start(launch)
+            self._campaigns.start(launch, self._analyses.plugins)
             self._watch(launch.store)
 
         self._holding.give(go)
@@ -327,7 +330,7 @@ class Console(Shell):
         self._act(f"{message.kind} {view.path}")
         # A campaign whose process has ended is resumed by another, which needs the rig free.
         if message.kind == "resume" and not view.alive:
-            self._holding.give(lambda: self._campaigns.resume(view.path))
+            self._holding.give(lambda: self._campaigns.resume(view.path, self._analyses.plugins))
             return
         self._send("request", view.path, message.kind)
 
@@ -343,6 +346,16 @@ class Console(Shell):
             self._analyses.ask(view.path, "write", kind, Path(name.strip()))
 
         TextDialog(f"Write the {kind}", "to", str(proposed(kind, view.path)), refusal).ask(self, write)
+
+    @while_running
+    def on_file_written(self, message: say.FileWritten) -> None:
+        """Tell it, and go on with it as its kind does."""
+        self._note(f"written: {message.path}")
+        then = KINDS[message.kind].then
+        if then == "look":
+            look_at(message.path)
+        elif then == "open":
+            self.action_screen(self._open(message.path))
 
     def on_analysis_asked(self, message: say.AnalysisAsked) -> None:
         """Have something worked out from the store that is open."""

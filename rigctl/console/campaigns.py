@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from textual.message import Message
@@ -22,17 +22,17 @@ class Campaigns:
         self._post = post
         self._running: dict[Path, subprocess.Popen[bytes]] = {}
 
-    def start(self, launch: Launch) -> None:
+    def start(self, launch: Launch, plugins: Sequence[Path]) -> None:
         """`rigctl run`, detached from this terminal."""
         arguments = ["run", str(launch.campaign), "--store", str(launch.store)]
         arguments += ["--rig", str(launch.rig)] if launch.rig else []
         arguments += ["--seed", str(launch.seed)] if launch.seed is not None else []
         arguments += ["--yes"] if launch.unattended else []
-        self._spawn(launch.store, arguments)
+        self._spawn(launch.store, [*arguments, *_options(plugins)])
 
-    def resume(self, store: Path) -> None:
+    def resume(self, store: Path, plugins: Sequence[Path]) -> None:
         """`rigctl resume` of a campaign whose process has ended, detached."""
-        self._spawn(store, ["resume", str(store)])
+        self._spawn(store, ["resume", str(store), *_options(plugins)])
 
     def signal(self, store: Path, number: signal.Signals) -> bool:
         """Pass a signal on to the campaign this console started into `store`; False when there is none."""
@@ -67,6 +67,10 @@ class Campaigns:
         status = process.wait()
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
         self._post(CampaignEnded(status, lines[-1] if lines else ""))
+
+
+def _options(plugins: Sequence[Path]) -> list[str]:
+    return [word for path in plugins for word in ("--plugin", str(path))]
 
 
 def log_of(store: Path) -> Path:

@@ -66,6 +66,25 @@ class CampaignForm:
         return ""
 
 
+def first_launch(form: CampaignForm, watched: Path | None) -> Launch:
+    """How a campaign is started as a rule: into a store of its name, or the one it goes on with."""
+    store = Path(form.path.stem + ".rig.sqlite")
+    try:
+        goes_on = read_campaign(form.path).goes_on
+    except ConfigError:  # the dialog says what is wrong
+        goes_on = False
+    return Launch(form.path, watched if goes_on and watched is not None else _free(store))
+
+
+def _free(path: Path) -> Path:
+    """A name that nothing has yet."""
+    number, free = 2, path
+    while free.exists():
+        free = path.with_name(re.sub(r"(\.rig\.sqlite)$", rf"-{number}\1", path.name))
+        number += 1
+    return free
+
+
 def launch_fault(launch: Launch) -> Fault | None:
     """What speaks against a launch, as far as the files say at a glance; the rest the campaign's process tells."""
     try:
@@ -74,7 +93,7 @@ def launch_fault(launch: Launch) -> Fault | None:
         return Fault("campaign", str(error))
     if not launch.store.name:
         return Fault("store", "name the store")
-    if launch.store.exists() and file.procedure.get("mounting") not in {"same", "kept"}:
+    if launch.store.exists() and not file.goes_on:
         return Fault("store", f"{launch.store} exists already; choose another name")
     if not launch.store.absolute().parent.is_dir():
         return Fault("store", f"{launch.store.parent}: no such directory")

@@ -8,7 +8,7 @@ EVERYWHERE
             (r on screen 2 resumes it). Ctrl+X does the same.
   1 .. 5    the screens: Rig, Campaign, Results, Workbench, Log
             (F2 .. F6 also while you write in an entry)
-  o         open a rig file, a campaign file or a store
+  o         open a rig file, a campaign file, a store or a plug-in
   F9        answer what the campaign asks: write the word, press Enter
   Ctrl+P    everything by name          b  bell on or off
   t         light or dark               q  quit: a campaign goes on
@@ -26,7 +26,8 @@ EVERYWHERE
 3 RESULTS   f work out, v compare with another store, w write a report,
             figures, a certificate or a bundle
 4 WORKBENCH f fit, g diagnose, a add, x remove, n next, v residuals
-            against another covariate
+            against another covariate, w write what to measure next as a
+            campaign, or what nothing describes as a plug-in
 5 LOG       / search, w alarms only
 
 SIGNS  ● ready  ▶ moving  ■ stopped  ✗ lost or failed  ✓ passed  ? silent
@@ -35,7 +36,7 @@ SIGNS  ● ready  ▶ moving  ■ stopped  ✗ lost or failed  ✓ passed  ? sil
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "STOP": ("stop", "Bring every instrument to rest, abort the campaign (F8)"),
-    "Open…": ("open", "A rig file, a campaign file or a store (o)"),
+    "Open…": ("open", "A rig file, a campaign file, a store or a plug-in (o)"),
     "Answer the campaign": ("answer", "What it asks the operator (F9)"),
     "Undo": ("undo", "Take the last change back: of the model, of an entry of a form (u)"),
     "Cancel": ("cancel", "Give up what is being worked out (k)"),
@@ -66,6 +67,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "Workbench: add effect": ("pane('workbench', 'add')", "A new version of the model (a)"),
     "Workbench: remove effect": ("pane('workbench', 'remove')", "A new version without it (x)"),
     "Workbench: next measurement": ("pane('workbench', 'ask', 'recommend')", "What would decide (n)"),
+    "Workbench: write": ("pane('workbench', 'write')", "The next campaign, a drafted plug-in, a report (w)"),
     "Workbench: residuals against": ("pane('workbench', 'covariate')", "Pick the covariate (v)"),
     "Log: search": ("pane('log', 'search')", "In everything that happened (/)"),
     "Log: alarms only": ("pane('log', 'alarms')", "Or everything again (w)"),

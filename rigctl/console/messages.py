@@ -78,6 +78,14 @@ class WriteAsked(Message):
 
 
 @dataclass
+class FileWritten(Message):
+    """It is there."""
+
+    kind: str
+    path: Path
+
+
+@dataclass
 class SearchAsked(Message):
     """Search the events of the store that are not kept on the screen."""
 

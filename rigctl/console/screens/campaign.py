@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -128,6 +127,7 @@ class CampaignPane(Vertical):
         super().__init__(id="campaign")
         self._progress = ProgressPage()
         self._file = FilePage()
+        self._store: Path | None = None
 
     @property
     def file(self) -> Path | None:
@@ -152,6 +152,7 @@ class CampaignPane(Vertical):
 
     def show_store(self, view: StoreView) -> None:
         """The campaign as its store tells."""
+        self._store = view.path
         self._progress.show_store(view, on_screen=self.display)
 
     def show_vitals(self, vitals: Vitals | None) -> None:
@@ -183,14 +184,17 @@ class CampaignPane(Vertical):
 
     def action_begin(self) -> None:
         """Ask how, then start."""
-        from rigctl.console.form import launch_fault  # what checks the files is imported after the first paint
+        from rigctl.console.form import (  # what checks the files is imported after the first paint
+            first_launch,
+            launch_fault,
+        )
 
         if (form := self._opened()) is None:
             return
         if not form.saved:
             self.post_message(Noted("the form has changes: Ctrl+S saves them, then start", "warning"))
             return
-        launch = Launch(form.path, _free(Path(form.path.stem + ".rig.sqlite")))
+        launch = first_launch(form, self._store)
 
         def go(chosen: Launch) -> None:
             self._go("tab-progress")
@@ -252,15 +256,6 @@ class CampaignPane(Vertical):
             self._file.judge()
 
         TextDialog("Save the campaign", "file", str(form.path), _no_toml_name).ask(self.app, write)
-
-
-def _free(path: Path) -> Path:
-    """A name that nothing has yet."""
-    number, free = 2, path
-    while free.exists():
-        free = path.with_name(re.sub(r"(\.rig\.sqlite)$", rf"-{number}\1", path.name))
-        number += 1
-    return free
 
 
 def _no_reason(text: str) -> str:

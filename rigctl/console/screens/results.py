@@ -19,7 +19,7 @@ from rigctl.console.messages import AnalysisAsked, WriteAsked
 from rigctl.console.widgets.dialogs import OpenDialog, PickDialog
 from rigctl.console.widgets.pages import Page, Pages
 from rigctl.console.widgets.plot import Plot
-from rigctl.console.writing import KINDS
+from rigctl.console.writing import KINDS, OF_RESULTS
 from rigctl.report.picture import Picture
 from rigctl.report.tables.result_table import ResultTable, rich_table
 from rigctl.report.tables.workbench import transfer_table
@@ -93,7 +93,7 @@ class ResultsPane(Vertical):
 
     def action_write(self) -> None:
         """Ask what; under which name is asked then."""
-        kinds = [(kind, written.explanation) for kind, written in KINDS.items()]
+        kinds = [(kind, KINDS[kind].explanation) for kind in OF_RESULTS]
         PickDialog("Write what?", kinds).ask(self.app, lambda kind: self.post_message(WriteAsked(kind)))
 
     def action_compare(self) -> None:

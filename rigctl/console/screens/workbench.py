@@ -14,10 +14,11 @@ from textual.containers import Vertical, VerticalScroll
 from textual.widget import Widget
 from textual.widgets import DataTable, Static
 
-from rigctl.console.messages import AnalysisAsked, Noted
+from rigctl.console.messages import AnalysisAsked, Noted, WriteAsked
 from rigctl.console.widgets.dialogs import PickDialog
 from rigctl.console.widgets.pages import Page, Pages
 from rigctl.console.widgets.plot import Plot
+from rigctl.console.writing import KINDS, OF_THE_WORKBENCH
 from rigctl.report.picture import MARKS, Line, Picture
 from rigctl.report.quantities import number, probability
 from rigctl.report.tables.result_table import rich_table
@@ -27,6 +28,8 @@ from rigctl.report.verdicts import named, sizes, verdict_sentence
 
 Document = Mapping[str, Any]
 MAX_SERIES = 3
+TOGETHER = " + "
+"""Between effects that are added as one version."""
 
 
 class WorkbenchPane(Vertical):
@@ -39,6 +42,7 @@ class WorkbenchPane(Vertical):
         Binding("x", "remove", "Remove"),
         Binding("n", "ask('recommend')", "Next"),
         Binding("v", "covariate", "Covariate"),
+        Binding("w", "write", "Write"),
     ]
 
     def __init__(self, covariate: str) -> None:
@@ -209,6 +213,8 @@ class WorkbenchPane(Vertical):
             for name in order
             if name not in self._effects
         ]
+        if len(missing := [name for name in self._suggested if name not in self._effects]) > 1:
+            options.insert(0, (TOGETHER.join(missing), "all that is suggested, in one fit"))
         if not options:
             self.post_message(Noted("open a store first: o", "warning"))
             return
@@ -236,4 +242,12 @@ class WorkbenchPane(Vertical):
             go(self.covariate)
 
     def _pick(self, title: str, options: Sequence[tuple[str, str]], what: str) -> None:
-        PickDialog(title, options).ask(self.app, lambda name: self.post_message(AnalysisAsked(what, ([name],))))
+        def go(names: str) -> None:
+            self.post_message(AnalysisAsked(what, (names.split(TOGETHER),)))
+
+        PickDialog(title, options).ask(self.app, go)
+
+    def action_write(self) -> None:
+        """Ask what; under which name is asked then."""
+        kinds = [(kind, KINDS[kind].explanation) for kind in OF_THE_WORKBENCH]
+        PickDialog("Write what?", kinds).ask(self.app, lambda kind: self.post_message(WriteAsked(kind)))
