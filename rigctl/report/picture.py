@@ -14,13 +14,18 @@ MARKS = ("o", "x", "+", "#", "*", "@")
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One series: joined points, or with `mark` single ones; `name` is written in the legend."""
+    """One series: joined points, or with `mark` single ones; `name` is written in the legend.
+
+    `bars` are the lower and the upper ends of error bars; `labels` say what each point is, a run for example.
+    """
 
     x: FloatArray
     y: FloatArray
     name: str = ""
     mark: str = ""
     colour: int = 0
+    bars: tuple[FloatArray, FloatArray] | None = None
+    labels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

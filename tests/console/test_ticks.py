@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rigctl.console.widgets.plot import drawn
+from rigctl.console.widgets.drawing import drawn
 from rigctl.console.widgets.ticks import Tick, linear_ticks, log_ticks, on_scale, symlog_ticks
 from rigctl.report.picture import Line, Picture
 

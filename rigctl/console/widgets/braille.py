@@ -42,6 +42,23 @@ def joined(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     return along[0], along[1]
 
 
+def within(x: FloatArray, y: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    """The points between `low` and `high`, and the neighbours to which lines lead from them."""
+    # A point half a dot beyond is drawn on the edge.
+    low, high = low - 0.05 * (high - low), high + 0.05 * (high - low)
+    inside = (x >= low) & (x <= high)
+    if inside.all():
+        return x, y
+    # A line may also cross all of it without a point inside.
+    crossing = (x[:-1] < low) & (x[1:] > high) | (x[:-1] > high) & (x[1:] < low)
+    kept = inside.copy()
+    kept[1:] |= inside[:-1] | crossing
+    kept[:-1] |= inside[1:] | crossing
+    # A gap stays a gap: its first point is kept as none.
+    gap = ~kept & np.concatenate([[False], kept[:-1]])
+    return x[kept | gap], np.where(gap, np.nan, y)[kept | gap]
+
+
 def thinned(x: FloatArray, y: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
     """At most two points per column, the least and the greatest: a strip of 60000 samples looks the same."""
     if len(x) <= 4 * columns:

@@ -1,124 +1,96 @@
-"""A plot of lines and marks in a terminal, with axes that say their units."""
+"""A plot in a terminal, with a cursor, and a window that zooms."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from typing import ClassVar
 
-import numpy as np
 from rich.segment import Segment
 from rich.style import Style
+from textual.binding import Binding, BindingType
+from textual.events import Click, MouseScrollDown, MouseScrollUp
 from textual.geometry import Region
+from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned
-from rigctl.console.widgets.ticks import on_scale, ticks_of
-from rigctl.core.arrays import FloatArray
-from rigctl.report.picture import Line, Picture, Scale
+from rigctl.console.widgets.drawing import (
+    DARK,
+    LIGHT,
+    REVERSED,
+    Area,
+    Palette,
+    Row,
+    drawn,
+    has_point,
+    label_of,
+    laid_out,
+    on_its_scales,
+)
+from rigctl.console.widgets.window import ENDS, Point, Points, Step, Window
+from rigctl.report.picture import Picture
 
-ON_DARK = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
-ON_LIGHT = ("#0072b2", "#b35900", "#00795a", "#a0527d", "#d55e00", "#2a7fb0")
-"""Okabe and Ito's palette, darker on white: each series also has a mark or a name of its own."""
-
-DARK, LIGHT = (tuple(Style(color=colour) for colour in colours) for colours in (ON_DARK, ON_LIGHT))
-PLAIN, BOLD, DIM = Style(), Style(bold=True), Style(dim=True)
-
-Row = tuple[tuple[str, Style], ...]
-"""Pieces of text from left to right."""
-
-Palette = tuple[Style, ...]
-
-_Range = tuple[float, float]
-
-_LABEL_WIDTH = 8
-# Rows from one tick to the next, and columns, labels between them.
-_ROWS_PER_TICK, _COLUMNS_PER_TICK = 3, 14
-_FLAT = 1e-3
-"""Half the height of an axis on which nothing changes."""
+ZOOM, PAN = 0.5, 0.25
+"""What is left of a range after zooming in, and the share of it that is moved at once."""
 
 
-@dataclass(frozen=True)
-class _Area:
-    width: int
-    height: int
-    x: tuple[float, float]
-    y: tuple[float, float]
-    x_scale: Scale = "linear"
-    y_scale: Scale = "linear"
+class Plot(Widget, can_focus=True):
+    """Shows a `Picture`; given another one it draws the rows that differ.
 
-    @property
-    def rows(self) -> dict[int, str]:
-        """Labels of the upright axis by row; two rows that are one get one label."""
-        found = ticks_of(self.y_scale, *self.y, max(2, self.height // _ROWS_PER_TICK))
-        return {row: each.label for each in found if 0 <= (row := _row(each.at, self)) < self.height}
-
-    @property
-    def columns(self) -> dict[int, str]:
-        """Labels of the level axis by column."""
-        found = ticks_of(self.x_scale, *self.x, max(2, self.width // _COLUMNS_PER_TICK))
-        places = scaled(np.array([each.at for each in found]), *self.x, self.width)
-        return {round(place): each.label for place, each in zip(places.tolist(), found, strict=True)}
-
-
-@dataclass
-class _Sheet:
-    """Characters and inks of the plot area; a cell without ink is blank."""
-
-    area: _Area
-    palette: Palette
-    cells: list[list[str]] = field(default_factory=list)
-    inks: list[list[Style | None]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.cells = [[" "] * self.area.width for _ in range(self.area.height)]
-        self.inks = [[None] * self.area.width for _ in range(self.area.height)]
-
-    def put(self, row: int, column: int, text: str, ink: Style) -> None:
-        for offset, character in enumerate(text):
-            if 0 <= row < self.area.height and 0 <= column + offset < self.area.width:
-                self.cells[row][column + offset] = character
-                self.inks[row][column + offset] = ink
-
-    def row(self, number: int) -> Row:
-        """A row in as few pieces as its inks allow: fewer are drawn faster."""
-        cells, inks = self.cells[number], self.inks[number]
-        used = set(inks) - {None}
-        if len(used) < 2:  # most rows, told without going through their cells
-            return (("".join(cells), used.pop() or PLAIN if used else PLAIN),)
-        pieces, start = [], 0
-        ink: Style | None = None
-        for end, each in enumerate(inks):
-            if each is not None and each is not ink:
-                if ink is not None:
-                    pieces.append(("".join(cells[start:end]), ink))
-                    start = end
-                ink = each
-        return (*pieces, ("".join(cells[start:]), ink or PLAIN))
-
-
-class Plot(Widget):
-    """Shows a `Picture`; given another one it draws the rows that differ."""
+    With the focus it has a cursor on one of its points, and a window that zooms and moves.
+    """
 
     DEFAULT_CSS = "Plot { height: 1fr; width: 1fr; min-height: 4; }"
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *(Binding(step, f"step('{step}')", show=False) for step in ("left", "right", "up", "down")),
+        *(
+            Binding(key, f"step('{step}')", show=False)
+            for key, step in (("home", "first"), ("end", "last"), ("pageup", "highest"), ("pagedown", "lowest"))
+        ),
+        Binding("plus,equals_sign", f"zoom({ZOOM})", show=False),
+        Binding("minus", f"zoom({1 / ZOOM})", show=False),
+        Binding("0", "whole", show=False),
+        Binding("shift+left", f"pan({-PAN}, 0.0)", show=False),
+        Binding("shift+right", f"pan({PAN}, 0.0)", show=False),
+        Binding("shift+up", f"pan(0.0, {PAN})", show=False),
+        Binding("shift+down", f"pan(0.0, {-PAN})", show=False),
+        Binding("enter", "choose", show=False),
+    ]
+
+    @dataclass
+    class Chosen(Message):
+        """What the point under the cursor is: one of its line's `labels`."""
+
+        plot: Plot
+        label: str
+
+        @property
+        def control(self) -> Plot:
+            """Where it was chosen."""
+            return self.plot
 
     def __init__(self, picture: Picture, *, id: str | None = None) -> None:  # noqa: A002
         super().__init__(id=id)
         self.picture = picture
+        self.window: Window | None = None
+        self.cursor: Point | None = None
         self._rows: list[Row] = []
         self._strips: list[Strip] = []
         self._drawn_for: tuple[object, ...] = ()
 
     def show(self, picture: Picture) -> None:
-        """Draw another picture."""
+        """Draw another picture; the same one with more data keeps its window and its cursor."""
+        same = (picture.title, picture.x_label) == (self.picture.title, self.picture.x_label)
+        if not same or (self.cursor is not None and not has_point(picture, self.cursor)):
+            self.window = self.cursor = None
         self.picture = picture
         # Of another size or in other colours no row is as it was; what is hidden may come back at its old size.
         if self._drawn_for != self._looks:
             self._drawn_for = ()
             self.refresh()
             return
-        before, self._rows = self._rows, drawn(picture, *self.size, self._palette)
+        before, self._rows = self._rows, self._draw()
         base = self.rich_style
         changed = [y for y, row in enumerate(self._rows) if row != before[y]]
         for y in changed:
@@ -130,14 +102,113 @@ class Plot(Widget):
         """A line of the picture at the size the widget has."""
         if self._drawn_for != self._looks:
             self._drawn_for = self._looks
-            self._rows = drawn(self.picture, *self.size, self._palette)
+            self._rows = self._draw()
             base = self.rich_style
             self._strips = [self._strip(row, base) for row in self._rows]
         return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)
 
+    def _draw(self) -> list[Row]:
+        rows = drawn(self.picture, *self.size, self._palette, self.window, self.cursor)
+        if self.has_focus and rows and rows[0]:
+            (title, ink), *legend = rows[0]
+            rows[0] = ((title, ink + REVERSED), *legend)
+        return rows
+
+    # What the operator looks at
+
+    def action_step(self, step: Step) -> None:
+        """The cursor to another point; to the middle of what is seen where it was on none."""
+        area = self._area
+        if area is None:
+            return
+        points = Points(on_its_scales(self.picture).lines)
+        seen = Window(area.x, area.y)
+        begun, self.cursor = self.cursor, self.cursor or points.nearest(seen, *seen.middle)
+        # The first step only shows it, unless it goes to an end.
+        if self.cursor is not None and (begun is not None or step in ENDS):
+            self.cursor = points.stepped(seen, self.cursor, step, area.width)
+        self._follow_cursor(seen)
+
+    def action_zoom(self, by: float) -> None:
+        """Closer to the cursor, or to the middle of what is seen."""
+        if (area := self._area) is not None:
+            seen = Window(area.x, area.y)
+            self._look(seen.zoomed(by, self._at_cursor() or seen.middle))
+
+    def action_pan(self, across: float, up: float) -> None:
+        """What is beside."""
+        if (area := self._area) is not None:
+            self._look(Window(area.x, area.y).moved(across, up))
+
+    def action_whole(self) -> None:
+        """All there is, without a cursor."""
+        self.cursor = None
+        self._look(None)
+
+    def action_choose(self) -> None:
+        """Tell what the point under the cursor is."""
+        if self.cursor is not None and (label := label_of(self.picture, self.cursor)):
+            self.post_message(self.Chosen(self, label))
+
+    def on_click(self, event: Click) -> None:
+        """The cursor to the point that is nearest; a second click chooses it."""
+        if (at := self._at_mouse(event.x, event.y)) is None:
+            return
+        area, x, y = at
+        seen = Window(area.x, area.y)
+        self.cursor = Points(on_its_scales(self.picture).lines).nearest(seen, x, y)
+        self._follow_cursor(seen)
+        if event.chain > 1:
+            self.action_choose()
+
+    def on_mouse_scroll_up(self, event: MouseScrollUp) -> None:
+        """Closer to what the mouse is on."""
+        self._zoom_at_mouse(event, ZOOM)
+
+    def on_mouse_scroll_down(self, event: MouseScrollDown) -> None:
+        """And away from it."""
+        self._zoom_at_mouse(event, 1 / ZOOM)
+
+    def _zoom_at_mouse(self, event: MouseScrollUp | MouseScrollDown, by: float) -> None:
+        if (at := self._at_mouse(event.x, event.y)) is not None:
+            event.stop()
+            area, x, y = at
+            self._look(Window(area.x, area.y).zoomed(by, (x, y)))
+
+    def _at_mouse(self, column: int, row: int) -> tuple[Area, float, float] | None:
+        laid = laid_out(self.picture, *self.size, self._palette, self.window)
+        if laid is None:
+            return None
+        area = laid.area
+        across, up = column - laid.margin - 1, area.height - 1 - (row - len(laid.heading))
+        if not (0 <= across < area.width and 0 <= up < area.height):
+            return None
+        x = area.x[0] + across / max(area.width - 1, 1) * (area.x[1] - area.x[0])
+        return area, x, area.y[0] + up / max(area.height - 1, 1) * (area.y[1] - area.y[0])
+
+    def _at_cursor(self) -> tuple[float, float] | None:
+        if self.cursor is None:
+            return None
+        line = on_its_scales(self.picture).lines[self.cursor.line]
+        return float(line.x[self.cursor.place]), float(line.y[self.cursor.place])
+
+    def _follow_cursor(self, seen: Window) -> None:
+        if (at := self._at_cursor()) is not None:
+            there = seen.showing(*at)
+            self._look(self.window if there == seen else there)
+
+    def _look(self, window: Window | None) -> None:
+        self.window = window
+        self.show(self.picture)
+
+    @property
+    def _area(self) -> Area | None:
+        laid = laid_out(self.picture, *self.size, self._palette, self.window)
+        return None if laid is None else laid.area
+
     @property
     def _looks(self) -> tuple[object, ...]:
-        return self.size, self.app.theme
+        return self.size, self.app.theme, self.has_focus
 
     @property
     def _palette(self) -> Palette:
@@ -145,174 +216,3 @@ class Plot(Widget):
 
     def _strip(self, row: Row, base: Style) -> Strip:
         return Strip([Segment(text, base + ink) for text, ink in row]).adjust_cell_length(self.size.width, base)
-
-
-def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) -> list[Row]:
-    """A picture as `height` rows, none wider than `width`."""
-    if height < 1:
-        return []
-    picture = _on_its_scales(picture)
-    lines = [line for line in picture.lines if (np.isfinite(line.x) & np.isfinite(line.y)).any()]
-    # A long legend must leave room for the plot.
-    heading = _heading(picture, lines, width, palette)[: 1 + height // 8]
-    rows = height - len(heading) - (1 if picture.x_label or picture.x_range else 0)
-    columns = width - _LABEL_WIDTH - 1
-    if rows < 1 or columns < 4:
-        return [((picture.title[:width], PLAIN),)] + [()] * (height - 1)
-    if not lines:
-        text = f"{'':{_LABEL_WIDTH}} {picture.empty}"[:width]
-        return [*heading, ((text, DIM),), *[()] * (height - len(heading) - 1)]
-    across = _range(picture.x_range, [line.x for line in lines], _x_margin(lines))
-    upright = _range(picture.y_range, [line.y for line in lines], 0.05)
-    area = _Area(columns, rows, across, upright, picture.x_scale, picture.y_scale)
-    labels = area.rows
-    # Digits that tell a quiet voltmeter's ticks apart need room: a label is never cut.
-    margin = max(_LABEL_WIDTH, *map(len, labels.values()), 0)
-    area = replace(area, width=width - margin - 1)
-    if area.width < 1:
-        return [((picture.title[:width], PLAIN),)] + [()] * (height - 1)
-    sheet = _Sheet(area, palette)
-    _draw_grid(sheet, labels)
-    _draw_levels(sheet, picture.levels)
-    # Lines first: a mark must not be drawn over.
-    for line in lines:
-        _draw_line(sheet, line)
-    for line in lines:
-        _draw_marks(sheet, line)
-    _name_levels(sheet, picture.levels)
-    plotted: list[Row] = [
-        ((f"{labels.get(row, ''):>{margin}}{'┤' if row in labels else '│'}", DIM), *sheet.row(row))
-        for row in range(rows)
-    ]
-    axis: list[Row] = [((_x_axis(picture, area, margin), DIM),)] if height - len(heading) > rows else []
-    return [*heading, *plotted, *axis]
-
-
-def _heading(picture: Picture, lines: Sequence[Line], width: int, palette: Palette) -> list[Row]:
-    """Title and legend, in more than one row where they are long."""
-    named = [line for line in lines if line.name]
-    long = len(picture.title) + sum(len(line.name) + 4 for line in named) > width
-    rows: list[Row] = [((picture.title[:width], BOLD),)]
-    room = width - len(picture.title)
-    for line in named:
-        label = f"{' ' if long else '  '}{line.mark or '─'} {line.name}"
-        if len(label) > room and room < width:
-            rows.append(())
-            room = width
-        rows[-1] = (*rows[-1], (label[:room], _ink(line, palette)))
-        room -= len(label)
-    return rows
-
-
-def _ink(line: Line, palette: Palette) -> Style:
-    return palette[line.colour % len(palette)]
-
-
-def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], margin: float) -> tuple[float, float]:
-    if given is not None:
-        return given
-    known = np.concatenate([each[np.isfinite(each)] for each in values])
-    low, high = float(known.min()), float(known.max())
-    # A constant has an axis too: a thousandth of its value to either side.
-    spread = (high - low) or max(abs(high) * 1e-3, _FLAT)
-    return (low, high) if high > low and not margin else (low - margin * spread, high + margin * spread or spread)
-
-
-def _x_margin(lines: Sequence[Line]) -> float:
-    """Marks stand clear of the axis; a strip of time needs all the room."""
-    return 0.03 if any(line.mark for line in lines) else 0.0
-
-
-def _on_its_scales(picture: Picture) -> Picture:
-    """The same with all values as they stand on the axes."""
-
-    def x(values: FloatArray) -> FloatArray:
-        return on_scale(picture.x_scale, values)
-
-    def y(values: FloatArray) -> FloatArray:
-        return on_scale(picture.y_scale, values)
-
-    levels = zip(y(np.array([level for level, _ in picture.levels])), picture.levels, strict=True)
-    return replace(
-        picture,
-        lines=tuple(replace(line, x=x(line.x), y=y(line.y)) for line in picture.lines),
-        x_range=_ends(x, picture.x_range),
-        y_range=_ends(y, picture.y_range),
-        levels=tuple((float(at), meaning) for at, (_, meaning) in levels if math.isfinite(at)),
-    )
-
-
-def _ends(
-    on_axis: Callable[[FloatArray], FloatArray], given: tuple[float, float] | None
-) -> tuple[float, float] | None:
-    if given is None:
-        return None
-    low, high = on_axis(np.array(given)).tolist()
-    return low, high
-
-
-def _draw_grid(sheet: _Sheet, rows: Iterable[int]) -> None:
-    """A dot where ticks of both axes cross."""
-    for row in rows:
-        for column in sheet.area.columns:
-            sheet.put(row, column, "·", DIM)
-
-
-def _draw_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
-    area = sheet.area
-    for level, _ in levels:
-        row = _row(level, area)
-        if 0 <= row < area.height:
-            sheet.put(row, 0, "╌" * area.width, DIM)
-
-
-def _name_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
-    """Last, so that nothing is drawn across the words."""
-    area = sheet.area
-    for level, meaning in levels:
-        row = _row(level, area)
-        if 0 <= row < area.height:
-            sheet.put(row, area.width - len(meaning), meaning, DIM)
-
-
-def _row(value: float, area: _Area) -> int:
-    # Rows count from the top.
-    return area.height - 1 - round(float(scaled(np.array(value), *area.y, area.height)))
-
-
-def _draw_line(sheet: _Sheet, line: Line) -> None:
-    if line.mark:
-        return
-    area = sheet.area
-    x, y = thinned(line.x, line.y, area.width)
-    # A braille character has two by four dots.
-    at = joined(scaled(x, *area.x, 2 * area.width), scaled(y, *area.y, 4 * area.height))
-    points = dotted(*at, area.width, area.height)
-    rows, columns = np.nonzero(points)
-    ink = _ink(line, sheet.palette)
-    for row, column, dots in zip(rows.tolist(), columns.tolist(), points[rows, columns].tolist(), strict=True):
-        sheet.cells[row][column] = chr(BLANK + dots)
-        sheet.inks[row][column] = ink
-
-
-def _draw_marks(sheet: _Sheet, line: Line) -> None:
-    if not line.mark:
-        return
-    area = sheet.area
-    columns = scaled(line.x, *area.x, area.width)
-    for column, value in zip(columns, line.y, strict=True):
-        if math.isfinite(column) and math.isfinite(value):
-            sheet.put(_row(float(value), area), round(float(column)), line.mark, _ink(line, sheet.palette))
-
-
-def _x_axis(picture: Picture, area: _Area, margin: int) -> str:
-    """Labels at their ticks, then what the axis is, as far as there is room."""
-    name = f" {picture.x_label}"[: max(area.width - 2, 0)] if picture.x_label else ""
-    axis = [" "] * (margin + 1 + area.width - len(name))
-    taken = -1
-    for column, label in area.columns.items():
-        first = margin + 1 + column - len(label) // 2
-        if first > taken and first + len(label) <= len(axis):
-            axis[first : first + len(label)] = label
-            taken = first + len(label)
-    return "".join(axis) + name

@@ -44,6 +44,9 @@ REFITTED = 4
 LINEAR = 30.0**2
 """Statistics beyond may mislead about the order of candidates."""
 
+_BEYOND_DOUBT = 1e-12
+"""Of the level, for the p-value of a term: no catalogue has so many trials, so they need not be counted."""
+
 _NUMBERS_KEPT, _LEAST_KEPT = 3_000_000, 3
 """Data of models that are kept, and the least number of models."""
 
@@ -325,7 +328,8 @@ class Search:
         last, dropped = terms[asked:], list[str]()
         while True:
             added = [term for term in terms if term not in self.given and term not in last]
-            p_values = {term.effect: self.corrected_p_of_term(terms, term) for term in added}
+            doubted = [term for term in added if self.p_of_term(terms, term) >= _BEYOND_DOUBT * self.alpha]
+            p_values = {term.effect: self.corrected_p_of_term(terms, term) for term in doubted}
             worst = max(p_values, key=lambda effect: p_values[effect], default=None)
             if worst is None or p_values[worst] < self.alpha:
                 return terms, tuple(dropped)
