@@ -213,6 +213,7 @@ class Analyses:
             "recommend": bench.show_next,
             "history": bench.show_history,
             "residuals": bench.show_residuals,
+            "run": bench.show_run,
             "add": self._tell_version,
             "remove": self._tell_version,
             "mark": self._tell_mark,
@@ -222,12 +223,14 @@ class Analyses:
             await pending
         if what in OPPOSITE:
             self.ask(store, "model", quiet=True)
+        if what == "mark" and answer["run_id"] == bench.run_id:
+            self.ask(store, "run", bench.run_id, quiet=True)
         if what in REFITTED:
             self._watched = ()
             self.ask(store, "fit")
         if what == "fit":
             self.ask(store, "history", quiet=True)
-            self.ask(store, "residuals", bench.covariate, quiet=True)
+            self.ask(store, "residuals", bench.covariate, 0, quiet=True)
 
     def _tell_written(self, made: Mapping[str, Any]) -> None:
         self._panes.workbench.post_message(FileWritten(made["kind"], Path(made["written"])))

@@ -25,6 +25,7 @@ from rigctl.report.document import write_report
 from rigctl.report.drawn import DrawingForConsole, drawing_of
 from rigctl.report.figures.residuals import axis_label, residual_plate
 from rigctl.report.picture import Picture
+from rigctl.report.recorded_run import RecordedRun, recorded_run
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.report.verdicts import comparison_sentence
 from rigctl.report.watch import Watch, watch
@@ -88,20 +89,29 @@ def recommend(store: Path, plugins: Plugins) -> Json:
         return workbench.recommend().as_json()
 
 
-def residuals(store: Path, covariate: str, plugins: Plugins) -> Json:
-    """`rigctl compare`, with the residuals of its figures against a covariate: "" is the one they follow most."""
+def run(store: Path, run_id: str, plugins: Plugins) -> RecordedRun:
+    """What a run recorded; nothing of it is changed."""
+    with opened_workbench(store, plugins, readonly=True) as workbench:
+        return recorded_run(workbench, run_id)
+
+
+def residuals(store: Path, covariate: str, version: int, plugins: Plugins) -> Json:
+    """`rigctl compare` of a model version, 0 for the current one, with the residuals of its figures against a
+    covariate: "" is the one they follow most."""
     with opened_workbench(store, plugins) as workbench:
-        comparison = workbench.compare()
+        comparison = workbench.compare(workbench.version(version) if version else None)
     covariates = distinct(comparison.observations.covariates)
     if covariate not in covariates:
         # Asked for none, or for one that was remembered from another store.
         followed = [trend.covariate for trend in sorted(comparison.trends, key=lambda trend: trend.p_value_corrected)]
         covariate = next((name for name in [*followed, *covariates] if name in covariates), "")
     rows = residual_plate(covariate, [comparison]).rows if covariate else []
-    series: dict[str, list[tuple[float, float]]] = {}
+    series: dict[str, list[tuple[float, float, str]]] = {}
     for row in rows:
-        series.setdefault(f"{row.channel} {row.component}".strip(), []).append((row.value, row.residual_sigma))
+        name = f"{row.channel} {row.component}".strip()
+        series.setdefault(name, []).append((row.value, row.residual_sigma, row.run_id))
     return {
+        "version": comparison.version,
         "sentence": comparison_sentence(comparison.as_json()),
         "covariates": covariates,
         "covariate": covariate,

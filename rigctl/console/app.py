@@ -17,6 +17,7 @@ from rigctl.console import state
 from rigctl.console.campaigns import Campaigns
 from rigctl.console.place import kind_of
 from rigctl.console.shell import Shell, while_running
+from rigctl.console.titles import openable, title_of, with_opened
 from rigctl.console.widgets.bars import SCREENS
 from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog, TextDialog
 from rigctl.console.writing import KINDS, look_at, proposed, refusal
@@ -145,6 +146,7 @@ class Console(Shell):
 
     def _open(self, path: Path) -> str:
         """Open a file; returns the screen on which it is seen."""
+        self.kept.recent = with_opened(self.kept.recent, path, title_of(path))
         if path.suffix == ".py":
             self._analyses.load(path, self._view.path if self._view else None)
             return self.kept.screen
@@ -184,6 +186,7 @@ class Console(Shell):
         before, self._view = self._view, message.view
         ended = before is not None and before.path == message.view.path and before.alive and not message.view.alive
         if before is None or before.path != message.view.path:
+            self.kept.recent = with_opened(self.kept.recent, message.view.path, message.view.title)
             self._analyses.ask(message.view.path, "model", quiet=True)
         # A result is worked out when a store is opened and when its campaign ends, not after every run.
         if (before is None or ended) and message.view.runs and not message.view.alive:
@@ -262,12 +265,8 @@ class Console(Shell):
             self._act(f"open {path}")
             self.action_screen(self._open(Path(path)))
 
-        near = [
-            p
-            for pattern in ("*.rig.sqlite", "*.toml", "*.py", "campaigns/*.toml", "out/*.rig.sqlite")
-            for p in sorted(Path().glob(pattern))
-        ]
-        OpenDialog("Open a rig file, a campaign file, a store or a plug-in", near).ask(self, go)
+        files = openable(self.kept.recent, Path())
+        OpenDialog("Open a rig file, a campaign file, a store or a plug-in", files).ask(self, go)
 
     def action_bench(self) -> None:
         """Hold the rig."""
@@ -333,6 +332,13 @@ class Console(Shell):
             self._holding.give(lambda: self._campaigns.resume(view.path, self._analyses.plugins))
             return
         self._send("request", view.path, message.kind)
+
+    def on_run_asked(self, message: say.RunAsked) -> None:
+        """From any screen to its page."""
+        if self._view is not None:
+            self.action_screen("workbench")
+            self.action_page("tab-run")
+            self._analyses.ask(self._view.path, "run", message.run_id)
 
     def on_write_asked(self, message: say.WriteAsked) -> None:
         """Ask for a name, then have it written."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-TEXT = """\
+EVERYWHERE = """\
 EVERYWHERE
   F8        STOP: every instrument to rest, now; a campaign is aborted
             (r on screen 2 resumes it). Ctrl+X does the same.
@@ -11,27 +11,53 @@ EVERYWHERE
   o         open a rig file, a campaign file, a store or a plug-in
   F9        answer what the campaign asks: write the word, press Enter
   Ctrl+P    everything by name          b  bell on or off
-  t         light or dark               q  quit: a campaign goes on
+  t         colours                     q  quit: a campaign goes on
   , .       pages of a screen           u  undo
   Esc       leave an entry, a search    k  cancel what is worked out
-  Tab, ↑ ↓  to the next entry, in lists and tables
+  Tab, ↑ ↓  to the next entry or plot, in lists and tables
 
+IN A PLOT ← → ↑ ↓ from point to point, Home End PgUp PgDn to the ends,
+          + - closer and back, Shift with arrows aside, 0 all of it,
+          Enter shows the run, or the version, that a point is
+"""
+
+SCREENS = {
+    "rig": """\
 1 RIG       ↑ ↓ choose an instrument; m move, h home, [ ] jog, j step,
             c connect. While a campaign holds the rig, this shows what
             its store tells.
+""",
+    "campaign": """\
 2 CAMPAIGN  e edit, Ctrl+S save, d dry run, s start, p pause,
-            r resume, a abort; among the steps ↑ ↓ Enter choose a run,
-            m leaves it out or uses it again. It runs in a process of its
-            own: quitting the console, or losing it, does not end it.
+            r resume, a abort; among the steps ↑ ↓ choose a run, Enter
+            shows its samples, m leaves it out or uses it again.
+            It runs in a process of its own: quitting the console,
+            or losing it, does not end it.
+""",
+    "results": """\
 3 RESULTS   f work out, v compare with another store, w write a report,
             figures, a certificate or a bundle
+""",
+    "workbench": """\
 4 WORKBENCH f fit, g diagnose, a add, x remove, n next, v residuals
-            against another covariate, w write what to measure next as a
-            campaign, or what nothing describes as a plug-in
+            against another covariate, m leave the run that is shown out,
+            w write what to measure next as a campaign, or what nothing
+            describes as a plug-in
+""",
+    "log": """\
 5 LOG       / search, w alarms only
+""",
+}
 
+SIGNS = """\
 SIGNS  ● ready  ▶ moving  ■ stopped  ✗ lost or failed  ✓ passed  ? silent
 """
+
+
+def text_for(screen: str) -> str:
+    """All keys, those of a screen first."""
+    others = "".join(text for name, text in SCREENS.items() if name != screen)
+    return "\n".join((SCREENS[screen], EVERYWHERE, others, SIGNS))
 
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -72,7 +98,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "Log: search": ("pane('log', 'search')", "In everything that happened (/)"),
     "Log: alarms only": ("pane('log', 'alarms')", "Or everything again (w)"),
     "Bell on or off": ("mute", "Alarms and questions ring (b)"),
-    "Light or dark": ("theme", "Change the colours (t)"),
+    "Workbench: mark run": ("pane('workbench', 'mark')", "Leave the run that is shown out, or use it again (m)"),
+    "Colours": ("theme", "Dark, light, high contrast, amber for eyes used to the dark (t)"),
     "Help": ("help", "Keys (F1)"),
     "Quit": ("leave", "The campaign goes on (q)"),
 }

@@ -71,6 +71,13 @@ class AnalysisAsked(Message):
 
 
 @dataclass
+class RunAsked(Message):
+    """Show a run of the store that is open: what it recorded, and how far it is off."""
+
+    run_id: str
+
+
+@dataclass
 class WriteAsked(Message):
     """Write what is known of the store that is open to a file: one of `rigctl.console.writing.KINDS`."""
 

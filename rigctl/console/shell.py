@@ -21,7 +21,7 @@ from rigctl.console.analyses import Analyses
 from rigctl.console.asking import Asking
 from rigctl.console.escape import terminal_driver
 from rigctl.console.feed import Feed
-from rigctl.console.help import COMMANDS, TEXT
+from rigctl.console.help import COMMANDS, text_for
 from rigctl.console.holding import Holding
 from rigctl.console.log_lines import Search
 from rigctl.console.screens.campaign import CampaignPane
@@ -32,7 +32,7 @@ from rigctl.console.screens.rig import RigPane
 from rigctl.console.screens.workbench import WorkbenchPane
 from rigctl.console.store_view import StoreView
 from rigctl.console.telling import Bell, Notes
-from rigctl.console.themes import DARK, LIGHT
+from rigctl.console.themes import DARK, THEMES
 from rigctl.console.typed import OrderedKeys
 from rigctl.console.widgets.bars import AlarmStrip, Standing, TabBar, Telling, TopBar
 from rigctl.console.widgets.dialogs import HelpDialog
@@ -88,9 +88,9 @@ class Shell(OrderedKeys):
         self._unsafe: dict[str, Rest] = {}
         self._titled = ""
         self._asking = Asking(self, self._answer)
-        self.register_theme(DARK)
-        self.register_theme(LIGHT)
-        self.theme = self.kept.theme if self.kept.theme in {DARK.name, LIGHT.name} else DARK.name
+        for theme in THEMES.values():
+            self.register_theme(theme)
+        self.theme = self.kept.theme if self.kept.theme in THEMES else DARK.name
 
     def compose(self) -> ComposeResult:
         """Top line, tabs, alarms, the five screens, what is told, keys."""
@@ -157,8 +157,8 @@ class Shell(OrderedKeys):
         getattr(self._pane(name), f"action_{action}")(*arguments)
 
     def action_help(self) -> None:
-        """Keys."""
-        self.push_screen(HelpDialog(TEXT))
+        """Keys, those of this screen first."""
+        self.push_screen(HelpDialog(text_for(self.kept.screen)))
 
     def on_resize(self, event: Resize) -> None:
         """A terminal that is too small says so."""
@@ -189,8 +189,9 @@ class Shell(OrderedKeys):
         self._tell_standing()
 
     def action_theme(self) -> None:
-        """Light or dark."""
-        self.theme = LIGHT.name if self.theme == DARK.name else DARK.name
+        """The next of them."""
+        names = list(THEMES)
+        self.theme = names[(names.index(self.theme) + 1) % len(names)]
 
     # Ten times a second
 

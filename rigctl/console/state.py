@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 import platformdirs
@@ -27,6 +27,8 @@ class ConsoleState:
     store: str = ""
     covariate: str = ""
     jog_step: float = 1.0
+    recent: dict[str, str] = field(default_factory=dict)
+    """Files that were opened, the last first, each with its title."""
     notice: str = ""
     """What the operator could not be told when the terminal was lost; shown at the next start."""
 
@@ -42,13 +44,16 @@ def load(directory: Path) -> ConsoleState:
         kept = dict(json.loads((directory / "console.json").read_text(encoding="utf-8")))
     except (OSError, TypeError, ValueError):
         return ConsoleState()
+    untouched = ConsoleState()
     usable = {
         # A file of another version, or edited by hand, must not end the console.
         each.name: kept[each.name]
         for each in fields(ConsoleState)
-        if type(kept.get(each.name)) is type(each.default)
+        if type(kept.get(each.name)) is type(getattr(untouched, each.name))
     }
     state = ConsoleState(**usable)
+    if not all(isinstance(title, str) for title in state.recent.values()):
+        state.recent = {}
     return state if state.screen in SCREENS else ConsoleState()
 
 

@@ -33,6 +33,7 @@ class StoreView:
     """When the newest sample was recorded, on this computer's monotonic clock; NaN when nobody knows."""
     run_ended_s: float = math.nan
     """When the last finished run was over, on the same clock."""
+    title: str = ""
     campaign_toml: str = ""
     rig_toml: str = ""
     channels: Mapping[str, ChannelInfo] = field(default_factory=dict)

@@ -99,6 +99,7 @@ class _Watched:
             samples=self._samples,
             sampled_s=self._sampled_s,
             run_ended_s=self._run_ended_s,
+            title=store.header.title or store.header.experiment,
             campaign_toml=store.header.campaign_toml or "",
             rig_toml=store.header.rig_toml or "",
             channels=store.header.channels,

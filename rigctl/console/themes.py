@@ -1,4 +1,7 @@
-"""Two themes in Okabe and Ito's colours, which all eyes tell apart; signs and words say the same as colours do."""
+"""Themes: two in Okabe and Ito's colours, which all eyes tell apart, one without grey, one for eyes used to the dark.
+
+Signs and words say the same as colours do.
+"""
 
 from __future__ import annotations
 
@@ -34,3 +37,37 @@ LIGHT = Theme(
     dark=False,
     variables={"stop-text": "#000000"},
 )
+CONTRAST = Theme(
+    name="rigctl-contrast",
+    primary="#FFFFFF",
+    secondary="#FFFFFF",
+    accent="#FFFF00",
+    success="#00FF00",
+    warning="#FFFF00",
+    error="#FF6060",
+    foreground="#FFFFFF",
+    background="#000000",
+    surface="#000000",
+    panel="#303030",
+    dark=True,
+    variables={"stop-text": "#000000", "text-muted": "#FFFFFF"},
+)
+NIGHT = Theme(
+    name="rigctl-night",
+    primary="#C86400",
+    secondary="#A05000",
+    accent="#E07800",
+    success="#B06000",
+    warning="#E07800",
+    error="#FF4000",
+    foreground="#C87830",
+    background="#000000",
+    surface="#0C0600",
+    panel="#201000",
+    dark=True,
+    variables={"stop-text": "#000000"},
+)
+"""Amber only: beside an optical experiment, or in a room lit yellow, nothing blue shines."""
+
+THEMES = {theme.name: theme for theme in (DARK, LIGHT, CONTRAST, NIGHT)}
+"""In the order in which a key goes through them."""

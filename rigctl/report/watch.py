@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.core.arrays import BoolArray
 from rigctl.core.errors import UNFIT
 from rigctl.report.drawn import DrawingOfProgress, drawing_of
 from rigctl.report.picture import Line, Picture
@@ -39,9 +40,9 @@ def misfit_picture(misfits: Sequence[RunMisfit]) -> Picture:
     place = np.arange(1.0, len(misfits) + 1.0)
     sigmas = np.array([each.sigma for each in misfits])
     far = np.abs(sigmas) > FAR_SIGMA
-    lines = [Line(place[~far], sigmas[~far], mark="o")]
+    lines = [Line(place[~far], sigmas[~far], mark="o", labels=_run_ids(misfits, ~far))]
     if far.any():
-        lines.append(Line(place[far], sigmas[far], "far from the model", "#", 4))
+        lines.append(Line(place[far], sigmas[far], "far from the model", "#", 4, labels=_run_ids(misfits, far)))
     levels = ((-FAR_SIGMA, f"-{FAR_SIGMA:g}σ"), (0.0, "0"), (FAR_SIGMA, f"+{FAR_SIGMA:g}σ"))
     # A wrong model's residuals reach hundreds of sigma; small ones need room too.
     reach = max(2.0 * FAR_SIGMA, 1.2 * float(np.abs(sigmas).max()))
@@ -54,3 +55,7 @@ def misfit_picture(misfits: Sequence[RunMisfit]) -> Picture:
         levels=levels,
         y_scale="symlog",
     )
+
+
+def _run_ids(misfits: Sequence[RunMisfit], which: BoolArray) -> tuple[str, ...]:
+    return tuple(misfits[at].run_id for at in np.flatnonzero(which).tolist())

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 PICTURES = Path(__file__).parent / "pictures"
-SIZES = ((80, 24), (160, 50))
+SIZES = ((80, 24), (120, 40), *([(200, 60)] if os.environ.get("RIGCTL_LARGE") else []))
 DOTS_ON_AN_EDGE = 4
 """Of a few thousand; a line that is elsewhere changes hundreds."""
 

@@ -92,3 +92,13 @@ def test_long_labels_leave_the_axis_in_one_column_and_the_plot_within_its_width(
     assert all(len(row) <= 40 for row in text)
     places = {min(row.find(sign) for sign in "┤│" if sign in row) for row in text[1:-1]}
     assert len(places) == 1
+
+
+def test_what_is_counted_has_whole_numbers_only() -> None:
+    counts = np.array([1.0, 2.0, 3.0])
+    counted = Picture("σ", (Line(counts, counts, mark="o"),), "runs")
+    # The third tick is where the name of the axis stands.
+    assert "".join(piece for piece, _ in drawn(counted, 80, 12)[-1]).split() == ["1", "2", "runs"]
+    # Between them something was measured: halves mean something.
+    halves = Picture("σ", (Line(counts / 2.0, counts, mark="o"),), "f / Hz")
+    assert "0.6" in "".join(piece for piece, _ in drawn(halves, 80, 12)[-1])

@@ -11,14 +11,17 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widget import Widget
-from textual.widgets import Input, Static
+from textual.widgets import Input, Static, Tree
 
+from rigctl.campaign.recording import RunRecord
 from rigctl.console.entries import Entry, Listing
-from rigctl.console.messages import AnalysisAsked, DryRunAsked, Launch, Noted, RequestAsked, StartAsked
+from rigctl.console.marking import ask_why
+from rigctl.console.messages import DryRunAsked, Launch, Noted, RequestAsked, RunAsked, StartAsked
 from rigctl.console.screens.campaign_progress import ProgressPage
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.dialogs import ConfirmDialog, StartDialog, TextDialog
 from rigctl.console.widgets.pages import Page, Pages
+from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import Picture
 
 if TYPE_CHECKING:
@@ -212,13 +215,16 @@ class CampaignPane(Vertical):
         if run is None:
             self.post_message(Noted("choose a run among the steps first: Enter opens a step", "warning"))
             return
-        title = f"Run {run.run_id}: {'leave it out' if run.valid else 'use it again'}"
-        prompt = "why?" if run.valid else f"left out: {run.reason}; why is it good?"
+        ask_why(self, run.run_id, valid=run.valid, reason=run.reason)
 
-        def say(reason: str) -> None:
-            self.post_message(AnalysisAsked("mark", (run.run_id, not run.valid, reason.strip())))
+    def on_tree_node_selected(self, event: Tree.NodeSelected[RunRecord | None]) -> None:
+        """A run among the steps."""
+        if event.node.data is not None:
+            self.post_message(RunAsked(event.node.data.run_id))
 
-        TextDialog(title, prompt, "", _no_reason).ask(self.app, say)
+    def on_plot_chosen(self, event: Plot.Chosen) -> None:
+        """A run among what runs tell."""
+        self.post_message(RunAsked(event.label))
 
     def action_abort(self) -> None:
         """Abort, once it is confirmed; STOP needs no confirmation."""
@@ -256,10 +262,6 @@ class CampaignPane(Vertical):
             self._file.judge()
 
         TextDialog("Save the campaign", "file", str(form.path), _no_toml_name).ask(self.app, write)
-
-
-def _no_reason(text: str) -> str:
-    return "" if text.strip() else "a mark needs its reason"
 
 
 def _no_toml_name(name: str) -> str:

@@ -103,7 +103,8 @@ class ResultsPane(Vertical):
             self.query_one(Pages).show("tab-compare")
             self.post_message(AnalysisAsked("compare_with", (Path(path),)))
 
-        OpenDialog("Compare with which store?", sorted(Path().glob("*.rig.sqlite"))).ask(self.app, go)
+        stores = [(str(path), "") for path in sorted(Path().glob("*.rig.sqlite"))]
+        OpenDialog("Compare with which store?", stores).ask(self.app, go)
 
 
 def _drawn(table: ResultTable) -> Group:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -14,7 +15,8 @@ from textual.containers import Vertical, VerticalScroll
 from textual.widget import Widget
 from textual.widgets import DataTable, Static
 
-from rigctl.console.messages import AnalysisAsked, Noted, WriteAsked
+from rigctl.console.marking import ask_why
+from rigctl.console.messages import AnalysisAsked, Noted, RunAsked, WriteAsked
 from rigctl.console.widgets.dialogs import PickDialog
 from rigctl.console.widgets.pages import Page, Pages
 from rigctl.console.widgets.plot import Plot
@@ -26,8 +28,11 @@ from rigctl.report.tables.workbench import ladder_table, parameters_table
 from rigctl.report.terminal_workbench import runs_table
 from rigctl.report.verdicts import named, sizes, verdict_sentence
 
+if TYPE_CHECKING:
+    from rigctl.report.recorded_run import RecordedRun  # with what draws it, which the first paint does not wait for
+
 Document = Mapping[str, Any]
-MAX_SERIES = 3
+MAX_SERIES = len(MARKS)
 TOGETHER = " + "
 """Between effects that are added as one version."""
 
@@ -41,7 +46,9 @@ class WorkbenchPane(Vertical):
         Binding("a", "add", "Add"),
         Binding("x", "remove", "Remove"),
         Binding("n", "ask('recommend')", "Next"),
-        Binding("v", "covariate", "Covariate"),
+        # The page of the residuals tells of it.
+        Binding("v", "covariate", "Covariate", show=False),
+        Binding("m", "mark", "Mark", show=False),
         Binding("w", "write", "Write"),
     ]
 
@@ -53,6 +60,9 @@ class WorkbenchPane(Vertical):
         self._covariates: list[str] = []
         self._suggested: list[str] = []
         self._ranked: list[Document] = []
+        self._version = 0
+        self._run: RecordedRun | None = None
+        self._one_run = asyncio.Lock()
 
     def compose(self) -> ComposeResult:
         """A line that says where one stands, and five pages."""
@@ -82,9 +92,22 @@ class WorkbenchPane(Vertical):
                 Plot(Picture("error, 1.00 = noise"), id="ladder-plot"),
                 id="tab-ladder",
             ),
+            Page(
+                "Run",
+                Static(
+                    "Enter on a point of a plot, or on a run among a campaign's steps, shows the run.", id="run-line"
+                ),
+                VerticalScroll(id="run-plots"),
+                id="tab-run",
+            ),
             Page("Next", VerticalScroll(Static("n asks what to measure next.", id="next")), id="tab-next"),
             id="workbench-tabs",
         )
+
+    @property
+    def run_id(self) -> str:
+        """Of the run that is shown; "" while none is."""
+        return "" if self._run is None else self._run.run_id
 
     def rest(self) -> Widget:
         """Where the focus is while nothing else is asked for."""
@@ -108,14 +131,17 @@ class WorkbenchPane(Vertical):
         """`rigctl compare`, against one covariate."""
         self._covariates = list(residuals["covariates"])
         self.covariate = str(residuals["covariate"])
+        self._version = int(residuals["version"])
         self.query_one("#residual-line", Static).update(Text(residuals["sentence"]))
         lines = []
         for place, (name, points) in enumerate(list(residuals["series"].items())[:MAX_SERIES]):
             x, y = (np.array([point[i] for point in points]) for i in (0, 1))
-            lines.append(Line(x, y, name, MARKS[place], place))
+            labels = tuple(str(point[2]) for point in points)
+            lines.append(Line(x, y, name, MARKS[place], place, labels=labels))
         levels = ((-3.0, "-3σ"), (0.0, "0"), (3.0, "+3σ"))
+        title = f"residuals / σ, version {residuals['version']}"
         # Residuals of a wrong model reach hundreds of sigma.
-        picture = Picture("residuals / σ", tuple(lines), residuals["label"], levels=levels, y_scale="symlog")
+        picture = Picture(title, tuple(lines), residuals["label"], levels=levels, y_scale="symlog")
         self.query_one("#residuals", Plot).show(picture)
 
     def show_diagnosis(self, diagnosis: Document) -> None:
@@ -160,7 +186,8 @@ class WorkbenchPane(Vertical):
             if known:
                 x, y = (np.array([point[i] for point in known]) for i in (0, 1))
                 # A line and its marks; the legend needs the name once.
-                lines += [Line(x, y, "", "", place), Line(x, y, name, MARKS[place], place)]
+                labels = tuple(f"version {round(version)}" for version in x)
+                lines += [Line(x, y, "", "", place), Line(x, y, name, MARKS[place], place, labels=labels)]
         versions = (rungs[0]["version"] - 0.5, rungs[-1]["version"] + 0.5) if rungs else None
         picture = Picture("error / noise", tuple(lines), "version", versions, levels=((1.0, "noise"),), y_scale="log")
         self.query_one("#ladder-plot", Plot).show(picture)
@@ -172,6 +199,23 @@ class WorkbenchPane(Vertical):
             table = runs_table(recommendation["runs"])
             parts += [Text(), Text(table.title), rich_table(table)]
         self.query_one("#next", Static).update(Group(*parts))
+
+    async def show_run(self, run: RecordedRun) -> None:
+        """What a run recorded."""
+        self._run = run
+        line = Text(f"{run.run_id}  ", style="bold")
+        if not run.valid:
+            line.append(f"left out: {run.reason}  ", style="reverse")
+        line.append(", ".join(run.facts), style="dim")
+        self.query_one("#run-line", Static).update(line)
+        box = self.query_one("#run-plots", VerticalScroll)
+        # Awaited, and one at a time: two runs may be asked for at once.
+        async with self._one_run:
+            had = box.has_focus_within
+            await box.remove_children()
+            await box.mount_all(map(Plot, run.pictures))
+            if had:
+                self.screen.set_focus(self.rest())
 
     def _tell(self, text: str) -> None:
         self.query_one("#model-line", Static).update(Text(text, no_wrap=True, overflow="ellipsis"))
@@ -194,6 +238,15 @@ class WorkbenchPane(Vertical):
         fall = f"chi2 falls by {number(rank['chi2_fall'])}, {100 * rank['keep']:.0f} % of it by no other effect"
         detail = f"{rank['effect']}: {fall}{equivalents}\n{'; '.join(sizes(rank))}"
         self.query_one("#rank-detail", Static).update(Text(detail))
+
+    def on_plot_chosen(self, event: Plot.Chosen) -> None:
+        """From a step of the ladder to its residuals, from one of these to its run."""
+        if event.plot.id == "ladder-plot":
+            self._go("tab-residuals")
+            version = int(event.label.removeprefix("version "))
+            self.post_message(AnalysisAsked("residuals", (self.covariate, version)))
+        elif event.plot.id == "residuals":
+            self.post_message(RunAsked(event.label))
 
     # What the operator asks
 
@@ -228,13 +281,23 @@ class WorkbenchPane(Vertical):
         options = [(name, self._catalogue.get(name, "")) for name in self._effects]
         self._pick("Remove which effect?", options, "remove")
 
+    def action_mark(self) -> None:
+        """Leave the run that is shown out, or use it again, with a reason."""
+        run = self._run
+        if run is None:
+            self.post_message(Noted("no run is shown: Enter on a point of the residuals shows one", "warning"))
+        elif not run.can_be_marked:
+            self.post_message(Noted(f"{run.run_id} is no run of its own: leave it out of the file", "warning"))
+        else:
+            ask_why(self, run.run_id, valid=run.valid, reason=run.reason)
+
     def action_covariate(self) -> None:
         """Pick what the residuals are shown against."""
 
         def go(name: str) -> None:
             self.covariate = name
             self._go("tab-residuals")
-            self.post_message(AnalysisAsked("residuals", (name,)))
+            self.post_message(AnalysisAsked("residuals", (name, self._version)))
 
         if self._covariates:
             PickDialog("Residuals against what?", [(name, "") for name in self._covariates]).ask(self.app, go)

@@ -67,6 +67,10 @@ class Tick(Checkbox, inherit_bindings=False):
         return "x" if self.value else " "
 
 
+_LONG = 30
+"""Of 72 characters, for names with an explanation in the same line."""
+
+
 class PickDialog(Dialog[str]):
     """One of a list; typing makes it shorter."""
 
@@ -87,8 +91,15 @@ class PickDialog(Dialog[str]):
     def _shown(self, typed: str) -> list[Option]:
         width = max((len(name) for name, _ in self._options), default=0)
         matching = [each for each in self._options if typed.lower() in " ".join(each).lower()]
+        # Beside long names there is no room.
+        between = "\n    " if width > _LONG else "  "
         return [
-            Option(Text(f"{name:{width}}  {explanation}", no_wrap=True, overflow="ellipsis"), id=name)
+            Option(
+                Text(
+                    f"{name:{width}}{between if explanation else ''}{explanation}", no_wrap=True, overflow="ellipsis"
+                ),
+                id=name,
+            )
             for name, explanation in matching
         ]
 
@@ -121,9 +132,6 @@ class OpenDialog(PickDialog):
 
     HINT = "Enter opens  ↓ list  Esc leaves  F8 STOP"
     PLACEHOLDER = "path of a file"
-
-    def __init__(self, title: str, near: Sequence[Path]) -> None:
-        super().__init__(title, [(str(path), "") for path in near])
 
     def accept(self, typed: str) -> None:
         """The path, or the only one that matches."""

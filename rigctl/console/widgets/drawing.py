@@ -10,7 +10,7 @@ import numpy as np
 from rich.style import Style
 
 from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned, within
-from rigctl.console.widgets.ticks import on_scale, ticks_of
+from rigctl.console.widgets.ticks import LONGEST, Tick, on_scale, ticks_of
 from rigctl.console.widgets.window import Point, Range, Window
 from rigctl.core.arrays import FloatArray
 from rigctl.report.picture import Line, Picture, Scale
@@ -19,7 +19,9 @@ ON_DARK = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
 ON_LIGHT = ("#0072b2", "#b35900", "#00795a", "#a0527d", "#d55e00", "#2a7fb0")
 """Okabe and Ito's palette, darker on white: each series also has a mark or a name of its own."""
 
-DARK, LIGHT = (tuple(Style(color=colour) for colour in colours) for colours in (ON_DARK, ON_LIGHT))
+AT_NIGHT = ("#e07800", "#a05000", "#ff9838", "#804000", "#c86400", "#ffb870")
+
+DARK, LIGHT, NIGHT = (tuple(Style(color=colour) for colour in colours) for colours in (ON_DARK, ON_LIGHT, AT_NIGHT))
 PLAIN, BOLD, DIM, REVERSED = Style(), Style(bold=True), Style(dim=True), Style(reverse=True)
 
 Row = tuple[tuple[str, Style], ...]
@@ -44,6 +46,8 @@ class Area:
     y: Range
     x_scale: Scale = "linear"
     y_scale: Scale = "linear"
+    counted: bool = False
+    """Whether only whole numbers mean something on the level axis: runs, versions."""
 
     @property
     def rows(self) -> dict[int, str]:
@@ -55,6 +59,12 @@ class Area:
     def columns(self) -> dict[int, str]:
         """Labels of the level axis by column."""
         found = ticks_of(self.x_scale, *self.x, max(2, self.width // _COLUMNS_PER_TICK))
+        if self.counted:
+            found = [
+                Tick(each.at, f"{each.at:.0f}" if len(each.label) < LONGEST else each.label)
+                for each in found
+                if each.at == round(each.at)
+            ]
         places = scaled(np.array([each.at for each in found]), *self.x, self.width)
         return {round(place): each.label for place, each in zip(places.tolist(), found, strict=True)}
 
@@ -124,7 +134,7 @@ def laid_out(
         upright = _range(picture.y_range, [end for line in lines for end in (line.y, *(line.bars or ()))], 0.05)
     else:
         across, upright = window.x, window.y
-    area = Area(columns, rows, across, upright, picture.x_scale, picture.y_scale)
+    area = Area(columns, rows, across, upright, picture.x_scale, picture.y_scale, _counted(picture.x_scale, lines))
     labels = area.rows
     # Digits that tell a quiet voltmeter's ticks apart need room: a label is never cut.
     margin = max(_LABEL_WIDTH, *map(len, labels.values()), 0)
@@ -185,6 +195,11 @@ def _known(lines: Sequence[Line]) -> list[Line]:
 def _cut_heading(picture: Picture, lines: Sequence[Line], width: int, height: int, palette: Palette) -> list[Row]:
     # A long legend must leave room for the plot.
     return _heading(picture, lines, width, palette)[: 1 + height // 8]
+
+
+def _counted(scale: Scale, lines: Sequence[Line]) -> bool:
+    marked = [line.x for line in lines if line.mark]
+    return scale == "linear" and bool(marked) and all(np.array_equal(x, np.round(x), equal_nan=True) for x in marked)
 
 
 def has_point(picture: Picture, point: Point) -> bool:

@@ -14,9 +14,11 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
+from rigctl.console import themes
 from rigctl.console.widgets.drawing import (
     DARK,
     LIGHT,
+    NIGHT,
     REVERSED,
     Area,
     Palette,
@@ -212,7 +214,8 @@ class Plot(Widget, can_focus=True):
 
     @property
     def _palette(self) -> Palette:
-        return DARK if self.app.current_theme.dark else LIGHT
+        theme = self.app.current_theme
+        return NIGHT if theme.name == themes.NIGHT.name else DARK if theme.dark else LIGHT
 
     def _strip(self, row: Row, base: Style) -> Strip:
         return Strip([Segment(text, base + ink) for text, ink in row]).adjust_cell_length(self.size.width, base)

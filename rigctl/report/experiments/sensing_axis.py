@@ -82,7 +82,8 @@ def _out_of_plane(rows: Sequence[PlaneRow]) -> Picture:
         of_configuration = [row for row in rows if row.configuration == configuration]
         x = np.array([float(row.mounting) for row in of_configuration])
         y = np.array([row.out_of_plane_arcsec for row in of_configuration])
-        lines.append(Line(x, y, configuration, MARKS[place], place))
+        u = np.array([row.sigma_fit_arcsec for row in of_configuration])
+        lines.append(Line(x, y, configuration, MARKS[place], place, bars=(y - u, y + u)))
     sigma, required = rows[0].sigma_hc_arcsec, rows[0].requirement_arcsec
     # Room for the lines at 2 sigma with their names, and for a null that lies beyond them.
     reach = max(2.2 * sigma, *(abs(row.out_of_plane_arcsec) * 1.1 for row in rows))
@@ -140,7 +141,10 @@ def _response(title: str, rows: Sequence[ResponseRow]) -> Picture:
         for kind, mark, name in (("model", "", ""), ("measured", MARKS[place % 6], f"{frequency:.2g} Hz")):
             shown = [row for row in near if row.kind == kind]
             x = np.array([row.theta_minus_theta0_arcsec for row in shown])
-            lines.append(Line(x, np.array([row.response_um_s2_per_mm for row in shown]), name, mark, place))
+            y = np.array([row.response_um_s2_per_mm for row in shown])
+            u = np.array([row.response_sigma_um_s2_per_mm or 0.0 for row in shown])
+            bars, run_ids = ((y - u, y + u), tuple(row.run_id for row in shown)) if mark else (None, ())
+            lines.append(Line(x, y, name, mark, place, bars, run_ids))
     return Picture(title, tuple(line for line in lines if len(line.x)), "θ − θ0 / arcsec", x_range=(-reach, reach))
 
 
