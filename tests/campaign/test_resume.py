@@ -37,7 +37,7 @@ SLOW = (
     ("clock_speed = 1.0", "clock_speed = 100.0"),
     ("seed = 2022", "seed = 2022\nremount_s = 20.0\nlevel_s = 5.0"),
     # A millisecond of this computer is 100 of them on the rig: when lasers start is known less well.
-    *((f"heads = {{ laser_{number}_mm", f"start_u_s = 0.2\nheads = {{ laser_{number}_mm") for number in (1, 3)),
+    *((f"heads = {{ laser_{number}_mm", f"start_u_s = 0.1\nheads = {{ laser_{number}_mm") for number in (1, 3)),
 )
 """A rig on the wall clock: somebody has time to do something to a campaign on it."""
 
