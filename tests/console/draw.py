@@ -34,6 +34,12 @@ async def draw(store: Path) -> None:
         await picture("results", "Sensing axes")
         await seat.press("4", "f")
         await picture("workbench", "theta0[", "model version 1")
+        await seat.press("full_stop")
+        await seat.sees("residuals / σ", 120.0)
+        await seat.press("pageup")
+        await picture("residuals", "residuals / σ")
+        await seat.press("enter")
+        await picture("run", "accel_v / V")
 
 
 if __name__ == "__main__":

@@ -192,6 +192,25 @@ def test_the_mouse_does_the_same() -> None:
     assert looked_at(scattered(), look).chosen == ["0000"]
 
 
+def test_what_is_seen_can_be_dragged() -> None:
+    async def look(app: Alone, pilot: Pilot[None]) -> None:
+        whole = app.plot._area
+        assert whole is not None
+        await pilot.mouse_down(Plot, offset=(40, 12))
+        await pilot.hover(Plot, offset=(30, 12))
+        await pilot.mouse_up(Plot, offset=(30, 12))
+        window = app.plot.window
+        assert window is not None
+        # Ten columns to the left: what was beyond the right edge comes into sight.
+        moved = 10.0 / whole.width * (whole.x[1] - whole.x[0])
+        assert window.x == pytest.approx((whole.x[0] + moved, whole.x[1] + moved))
+        assert window.y == pytest.approx(whole.y)
+        await pilot.hover(Plot, offset=(20, 12))
+        assert app.plot.window == window
+
+    looked_at(scattered(), look)
+
+
 def test_a_plot_without_data_takes_its_keys_without_complaint() -> None:
     async def look(app: Alone, pilot: Pilot[None]) -> None:
         await pilot.press("left", "plus", "shift+up", "enter", "0")

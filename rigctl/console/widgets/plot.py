@@ -8,7 +8,7 @@ from typing import ClassVar
 from rich.segment import Segment
 from rich.style import Style
 from textual.binding import Binding, BindingType
-from textual.events import Click, MouseScrollDown, MouseScrollUp
+from textual.events import Click, MouseDown, MouseMove, MouseScrollDown, MouseScrollUp
 from textual.geometry import Region
 from textual.message import Message
 from textual.strip import Strip
@@ -77,6 +77,7 @@ class Plot(Widget, can_focus=True):
         self.picture = picture
         self.window: Window | None = None
         self.cursor: Point | None = None
+        self._dragged, self._held_at = False, (0.0, 0.0)
         self._rows: list[Row] = []
         self._strips: list[Strip] = []
         self._drawn_for: tuple[object, ...] = ()
@@ -152,8 +153,27 @@ class Plot(Widget, can_focus=True):
         if self.cursor is not None and (label := label_of(self.picture, self.cursor)):
             self.post_message(self.Chosen(self, label))
 
+    def on_mouse_down(self, event: MouseDown) -> None:
+        """What is seen may be dragged from here, beyond the plot too."""
+        self._dragged, self._held_at = False, (event.screen_x, event.screen_y)
+        self.capture_mouse()
+
+    def on_mouse_move(self, event: MouseMove) -> None:
+        """What is seen goes with the mouse whose button is held."""
+        here, area = (event.screen_x, event.screen_y), self._area
+        if self.app.mouse_captured is self and here != self._held_at and area is not None:
+            (x, y), self._held_at = self._held_at, here
+            self._dragged = True
+            self.action_pan((x - here[0]) / area.width, (here[1] - y) / area.height)
+
+    def on_mouse_up(self) -> None:
+        """The button is let go."""
+        self.release_mouse()
+
     def on_click(self, event: Click) -> None:
         """The cursor to the point that is nearest; a second click chooses it."""
+        if self._dragged:
+            return
         if (at := self._at_mouse(event.x, event.y)) is None:
             return
         area, x, y = at

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -102,13 +103,13 @@ class ColumnPiece:
         """See `Piece`."""
         del signal
         choice, linear = self._split(values)
-        return np.asarray(self.form.basis(choice) @ linear)
+        return np.asarray(self._basis(choice) @ linear)
 
     def slopes(self, values: FloatArray, signal: FloatArray) -> FloatArray:
         """See `Piece`."""
         del signal
         choice, linear = self._split(values)
-        basis = self.form.basis(choice)
+        basis = self._basis(choice)
         if not isinstance(self.form, Scanned):
             return basis
         slope = self.form.slope(choice, linear, basis)
@@ -118,6 +119,21 @@ class ColumnPiece:
         """Zero: it does not depend on the signal."""
         del values, signal
         return np.zeros_like(changes)
+
+    def _basis(self, choice: Choice) -> FloatArray:
+        # A fit asks for the slopes where it has just asked for what is added.
+        at = choice[self.form.scanned] if isinstance(self.form, Scanned) else 0.0
+        if at not in self._last:
+            basis = self.form.basis(choice)
+            basis.setflags(write=False)  # handed out twice
+            self._last.clear()
+            self._last[at] = basis
+        return self._last[at]
+
+    @cached_property
+    def _last(self) -> dict[float, FloatArray]:
+        """The columns with the scanned value that was last asked for."""
+        return {}
 
     def _split(self, values: FloatArray) -> tuple[Choice, FloatArray]:
         if not isinstance(self.form, Scanned):

@@ -103,8 +103,12 @@ class Periodic(_OfColumn):
 
     def basis(self, choice: Choice) -> FloatArray:
         """Shape (n, 2 harmonics)."""
-        phase = self._phase(choice)
-        return np.stack([of(h * phase) for h in _harmonics(choice) for of in (np.cos, np.sin)], axis=1)
+        phase, harmonics = self._phase(choice), _harmonics(choice)
+        columns = np.empty((phase.size, 2 * len(harmonics)))
+        for place, harmonic in enumerate(harmonics):
+            np.cos(harmonic * phase, out=columns[:, 2 * place])
+            np.sin(harmonic * phase, out=columns[:, 2 * place + 1])
+        return columns
 
     def scan(self, choices: Sequence[Choice]) -> FloatArray:
         """The bases of many choices of one origin, shape (n, choices, 2)."""
