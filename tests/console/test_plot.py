@@ -99,6 +99,13 @@ def test_the_cursor_tells_values_error_bar_series_and_run() -> None:
     assert [text[middle + step][34] for step in (-1, 1)] == ["│", "│"]
 
 
+def test_only_the_point_and_its_values_are_reversed() -> None:
+    line = Line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 5.0, 1.0]), "", "o")
+    rows = drawn(Picture("three", (line,), "n"), 60, 16, cursor=Point(0, 1))
+    reversed_text = ["".join(text for text, ink in row if ink.reverse) for row in rows]
+    assert [text for text in reversed_text if text] == ["o", " 1, 5 "]
+
+
 def test_a_bar_that_reaches_below_nothing_ends_at_the_axis() -> None:
     line = Line(
         np.array([1.0, 2.0]), np.array([1.0, 10.0]), "", "o", bars=(np.array([-1.0, 8.0]), np.array([3.0, 12.0]))

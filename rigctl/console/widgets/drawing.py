@@ -88,6 +88,12 @@ class _Sheet:
                 self.cells[row][column + offset] = character
                 self.inks[row][column + offset] = ink
 
+    def reverse(self, row: int, column: int, text: str) -> None:
+        """Text that stands out; what is blank beside it does not."""
+        if 0 <= row < self.area.height:
+            self.inks[row] = [ink or PLAIN for ink in self.inks[row]]
+            self.put(row, column, text, REVERSED)
+
     def row(self, number: int) -> Row:
         """A row in as few pieces as its inks allow: fewer are drawn faster."""
         cells, inks = self.cells[number], self.inks[number]
@@ -353,15 +359,11 @@ def _draw_cursor(sheet: _Sheet, on_axes: Picture, picture: Picture, cursor: Poin
     row, column = _row(y, area), round(float(scaled(np.array(x), *area.x, area.width)))
     if 0 <= row < area.height and 0 <= column < area.width:
         there = sheet.cells[row][column]
-        sheet.put(row, column, "┼" if there in " ·╌" else there, REVERSED)
+        sheet.reverse(row, column, "┼" if there in " ·╌" else there)
     text = f" {told(picture, cursor)} "[: area.width]
     # At the other end across, too: what is beside the point is what one looks at.
-    sheet.put(
-        0 if row > area.height // 2 else area.height - 1,
-        0 if column > area.width // 2 else area.width - len(text),
-        text,
-        REVERSED,
-    )
+    beside = 0 if column > area.width // 2 else area.width - len(text)
+    sheet.reverse(0 if row > area.height // 2 else area.height - 1, beside, text)
 
 
 def told(picture: Picture, point: Point) -> str:
