@@ -41,7 +41,7 @@ FIRST_RUNS, BATCH_RUNS = 12, 6
 ROUND = "investigation"
 """The kind of document that keeps what a round found."""
 
-Ask = Callable[[str], bool]
+Ask = Callable[[Store, str], bool]
 Tell = Callable[[str], None]
 
 
@@ -155,7 +155,7 @@ class _Round:
         for term in wanted:
             if term in versions.current(self._store).terms:
                 continue
-            if self._settings.ask(f"Add {term.effect} to the model?"):
+            if self._settings.ask(self._store, f"Add {term.effect} to the model?"):
                 versions.extend(self._store, term, self._bench.source_of(term.effect))
                 self._settings.tell(f"added {term.effect}")
             else:

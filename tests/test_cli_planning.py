@@ -157,7 +157,7 @@ def test_next_of_a_table_says_which_values_to_take_and_writes_nothing(desk: Any,
 
 def settings(**changes: Any) -> Settings:
     told: list[str] = []
-    return Settings(runner.Options(unattended=True), changes.pop("ask", lambda _: True), told.append, **changes)
+    return Settings(runner.Options(unattended=True), changes.pop("ask", lambda *_: True), told.append, **changes)
 
 
 def begun(directory: Path, effects: str) -> tuple[CampaignFile, RigFile, Path]:
@@ -181,7 +181,7 @@ def interrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[CampaignFile,
     class Interrupted(Exception):
         pass
 
-    def stop(question: str) -> bool:
+    def stop(store: Store, question: str) -> bool:
         raise Interrupted
 
     with pytest.raises(Interrupted):
@@ -226,7 +226,7 @@ def test_nothing_is_added_against_the_operators_will(interrupted: tuple[Campaign
     campaign, store = interrupted
     asked: list[str] = []
 
-    def refuse(question: str) -> bool:
+    def refuse(store: Store, question: str) -> bool:
         asked.append(question)
         return False
 

@@ -164,10 +164,10 @@ def test_an_investigation_adds_an_effect_of_ones_own_and_says_whose(
     plugin = bench.directory / "drag.py"
     campaign = read_campaign(bench.directory / "campaign.toml")
     options = runner.Options(unattended=True, plugins=(plugin,))
-    settings = Settings(options, lambda _: True, lambda _: None, max_runs=14)
+    settings = Settings(options, lambda *_: True, lambda _: None, max_runs=14)
     outcome = investigate(campaign, read_rig(campaign.rig_path), bench.store, settings)
     assert outcome.added == ("drag",)
-    again = Settings(runner.Options(unattended=True), lambda _: True, lambda _: None, max_runs=14)
+    again = Settings(runner.Options(unattended=True), lambda *_: True, lambda _: None, max_runs=14)
     with pytest.raises(ConfigError, match="model version 2 was made with"):
         investigate(campaign, None, bench.store, again)
     with Store.open(bench.store, readonly=True) as store:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rigctl import planning, runner
+from rigctl.campaign.session.consent import consent
 from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, Unchecked, print_json, say, tell
 from rigctl.composition import opened_workbench
 from rigctl.core.making_safe import ended_by_signals
@@ -62,8 +62,7 @@ def investigate(
     rig_file = read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
     with ProgressBar() as bar:
         options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()), unchecked=unchecked)
-        # Asked on stderr: what comes on stdout is the document.
-        agree = (lambda _: True) if yes else partial(typer.confirm, err=True)
+        agree = (lambda *_: True) if yes else consent
         settings = Settings(options, agree, tell, max_runs=max_runs)
         # Between its campaigns nothing moves: a signal may interrupt a computation at once. Campaigns take over
         # while they run.

@@ -14,7 +14,6 @@ from textual.binding import Binding, BindingType
 
 from rigctl.console import messages as say
 from rigctl.console import state
-from rigctl.console.campaigns import Campaigns
 from rigctl.console.place import kind_of
 from rigctl.console.shell import Shell, while_running
 from rigctl.console.titles import openable, title_of, with_opened
@@ -66,7 +65,6 @@ class Console(Shell):
         super().__init__(plugins, directory)
         self._leave_terminal = leave_terminal
         self._place = place
-        self._campaigns = Campaigns(self.post_message)
         self._signals = ExitStack()
         self.interrupted = ""
         self.unsafe: list[Rest] = []
@@ -200,6 +198,8 @@ class Console(Shell):
     @while_running
     def on_campaign_ended(self, message: say.CampaignEnded) -> None:
         """A process of ours has ended."""
+        if self._view is not None and self._view.path == message.store and message.status == 0:
+            self._analyses.ask(message.store, "model", quiet=True)
         # 130 is an abort, which the operator has asked for.
         if message.status not in {0, 130}:
             self._note(message.last_line or f"the campaign's process ended with status {message.status}", "error")
@@ -242,6 +242,8 @@ class Console(Shell):
             self._holding.stop_from_outside(view)
         elif view is not None and view.killed:
             self._holding.stop_from_outside(view)
+        elif view is not None and self._campaigns.signal(view.path, STOP_SIGNAL):
+            held = True  # an investigation between its campaigns: nothing moves, and nothing is to begin
         self._act("STOP")
         if not held and (view is None or not (view.alive or view.killed)):
             self._note("STOP: no rig is held here, and no campaign runs", "warning")
@@ -308,7 +310,7 @@ class Console(Shell):
     def on_start_asked(self, message: say.StartAsked) -> None:
         """Give the rig free, then start a campaign on it and watch its store."""
         launch = message.launch
-        self._act(f"start {launch.campaign} into {launch.store}")
+        self._act(f"{'investigate' if launch.investigate else 'start'} {launch.campaign} into {launch.store}")
 
         def go() -> None:
             self._campaigns.start(launch, self._analyses.plugins)
@@ -327,7 +329,12 @@ class Console(Shell):
             self._note("no campaign is watched; o opens a store", "warning")
             return
         self._act(f"{message.kind} {view.path}")
+        if message.kind == "abort" and not view.alive and self._campaigns.signal(view.path, signal.SIGTERM):
+            return  # an investigation between its campaigns
         # A campaign whose process has ended is resumed by another, which needs the rig free.
+        if message.kind == "resume" and self._campaigns.investigates(view.path) and not view.alive:
+            self._note("the investigation goes on by itself", "warning")
+            return
         if message.kind == "resume" and not view.alive:
             self._holding.give(lambda: self._campaigns.resume(view.path, self._analyses.plugins))
             return

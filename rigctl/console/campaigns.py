@@ -21,14 +21,23 @@ class Campaigns:
     def __init__(self, post: Callable[[Message], object]) -> None:
         self._post = post
         self._running: dict[Path, subprocess.Popen[bytes]] = {}
+        self._investigated: set[Path] = set()
 
     def start(self, launch: Launch, plugins: Sequence[Path]) -> None:
-        """`rigctl run`, detached from this terminal."""
-        arguments = ["run", str(launch.campaign), "--store", str(launch.store)]
+        """`rigctl run` or `rigctl investigate`, detached from this terminal."""
+        what = "investigate" if launch.investigate else "run"
+        arguments = [what, str(launch.campaign), "--store", str(launch.store)]
         arguments += ["--rig", str(launch.rig)] if launch.rig else []
         arguments += ["--seed", str(launch.seed)] if launch.seed is not None else []
         arguments += ["--yes"] if launch.unattended else []
         self._spawn(launch.store, [*arguments, *_options(plugins)])
+        if launch.investigate:
+            self._investigated.add(launch.store)
+
+    def investigates(self, store: Path) -> bool:
+        """Whether an investigation that was started here goes on, also while nothing is measured."""
+        process = self._running.get(store)
+        return store in self._investigated and process is not None and process.poll() is None
 
     def resume(self, store: Path, plugins: Sequence[Path]) -> None:
         """`rigctl resume` of a campaign whose process has ended, detached."""
@@ -61,16 +70,22 @@ class Campaigns:
         os.close(read)
         os.close(write)
         self._running[store] = process
-        threading.Thread(target=self._wait, args=(process, log), daemon=True).start()
+        threading.Thread(target=self._wait, args=(store, process), daemon=True).start()
 
-    def _wait(self, process: subprocess.Popen[bytes], log: Path) -> None:
+    def _wait(self, store: Path, process: subprocess.Popen[bytes]) -> None:
         status = process.wait()
-        lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
-        self._post(CampaignEnded(status, lines[-1] if lines else ""))
+        self._post(CampaignEnded(store, status, last_line(store)))
 
 
 def _options(plugins: Sequence[Path]) -> list[str]:
     return [word for path in plugins for word in ("--plugin", str(path))]
+
+
+def last_line(store: Path) -> str:
+    """What a campaign that was started here said last; "" where it said nothing."""
+    log = log_of(store)
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
+    return lines[-1] if lines else ""
 
 
 def log_of(store: Path) -> Path:

@@ -13,6 +13,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
+from procedures.campaigns import investigable
 from rigctl.console.entries import Entry, Listing
 from rigctl.console.messages import Launch
 from rigctl.console.widgets.dialogs import Fault
@@ -93,7 +94,12 @@ def launch_fault(launch: Launch) -> Fault | None:
         return Fault("campaign", str(error))
     if not launch.store.name:
         return Fault("store", "name the store")
-    if launch.store.exists() and not file.goes_on:
+    if launch.investigate:
+        try:
+            investigable(file).set_points(file)
+        except ConfigError as error:
+            return Fault("campaign", str(error))
+    elif launch.store.exists() and not file.goes_on:
         return Fault("store", f"{launch.store} exists already; choose another name")
     if not launch.store.absolute().parent.is_dir():
         return Fault("store", f"{launch.store.parent}: no such directory")

@@ -39,6 +39,8 @@ class Launch:
     rig: Path | None = None
     unattended: bool = False
     seed: int | None = None
+    investigate: bool = False
+    """Whether it goes on by itself: as `rigctl investigate`."""
 
 
 @dataclass
@@ -128,8 +130,9 @@ class StoreSeen(Message):
 
 @dataclass
 class CampaignEnded(Message):
-    """A campaign this console started has ended, with the last line of its log."""
+    """A campaign or an investigation that this console started has ended, with the last line of its log."""
 
+    store: Path
     status: int
     last_line: str
 

@@ -19,6 +19,7 @@ from rigctl.console import state
 from rigctl.console.alarms import Alarm, alarms_of
 from rigctl.console.analyses import Analyses
 from rigctl.console.asking import Asking
+from rigctl.console.campaigns import Campaigns, last_line
 from rigctl.console.escape import terminal_driver
 from rigctl.console.feed import Feed
 from rigctl.console.help import COMMANDS, text_for
@@ -81,6 +82,7 @@ class Shell(OrderedKeys):
         self._shown_view: StoreView | None = None
         self._holding = Holding(self.post_message, self.call_from_thread)
         self._feed = Feed(self.post_message)
+        self._campaigns = Campaigns(self.post_message)
         self._analyses = Analyses(self._panes, plugins, self._beside, self._note)
         self._alarms = 0
         self._notes = Notes()
@@ -232,10 +234,17 @@ class Shell(OrderedKeys):
         far = self._analyses.far(view.path) if view is not None and view.alive else ()
         alarms = alarms_of(view, self._feed.vitals, views, self._unsafe.values(), far)
         self._base.query_one(AlarmStrip).say([alarm.text for alarm in alarms])
-        self._base.query_one(Telling).say(self._notes.text(self._analyses.jobs()))
+        self._base.query_one(Telling).say(self._notes.text([*self._analyses.jobs(), *self._investigated()]))
         self._bell.hear(alarms)
         self._asking.show(view)
         self._entitle(alarms)
+
+    def _investigated(self) -> list[str]:
+        """What an investigation that was started here is at, while it measures nothing."""
+        view = self._view
+        if view is None or view.alive or not self._campaigns.investigates(view.path):
+            return []
+        return [f"investigation of {view.path.name}: {last_line(view.path)}"]
 
     def _entitle(self, alarms: Sequence[Alarm]) -> None:
         """The terminal's title says what a window that is not looked at should say."""

@@ -138,7 +138,7 @@ def test_what_threads_say_while_the_console_closes_is_not_shown(desk: Any, at_co
     before, alarms = list(app._panes.log._lines), app._alarms
     app.on_stopped(say.Stopped((Rest("stage", True, 0.05),)))
     app.on_noted(say.Noted("the thermometer does not answer", "error"))
-    app.on_campaign_ended(say.CampaignEnded(1, "it failed"))
+    app.on_campaign_ended(say.CampaignEnded(Path("x.rig.sqlite"), 1, "it failed"))
     assert list(app._panes.log._lines) == before
     assert app._alarms == alarms
     assert app._holding.bench is None

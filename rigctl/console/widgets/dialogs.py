@@ -212,6 +212,7 @@ class StartDialog(Dialog[Launch]):
             # Not selected: the first key would take the place of what stands there.
             yield Input(str(value), compact=True, select_on_focus=False, id=name, restrict=digits)
         yield Tick("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
+        yield Tick("investigate: diagnose, add what is found, measure what decides", compact=True, id="investigate")
         yield Static("", classes="refusal")
 
     def on_mount(self) -> None:
@@ -220,6 +221,10 @@ class StartDialog(Dialog[Launch]):
 
     def on_input_changed(self) -> None:
         """Say at once what is wrong."""
+        self._judge()
+
+    def on_checkbox_changed(self) -> None:
+        """What may be started changes with what is ticked."""
         self._judge()
 
     def on_input_submitted(self) -> None:
@@ -246,6 +251,7 @@ class StartDialog(Dialog[Launch]):
             store=Path(text("store")),
             rig=Path(text("rig")) if text("rig") else None,
             unattended=self.query_one("#unattended", Tick).value,
+            investigate=self.query_one("#investigate", Tick).value,
             # The entry lets digits of other scripts pass.
             seed=int(seed) if seed.isascii() and seed.lstrip("-").isdigit() else None,
         )
