@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rigctl.console.app import Console
 from rigctl.console.place import kind_of
-from rigctl.core.errors import Aborted
+from rigctl.core.errors import Aborted, ConfigError
 from rigctl.core.making_safe import require_rest
 
 LEAVE_S = 8.0
@@ -25,6 +25,11 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     """
     if place is not None:
         check(place)
+    # Keys come in on the one, the screen goes out on the other, as textual has it.
+    if not (os.isatty(0) and os.isatty(2)):
+        raise ConfigError(
+            "the console needs a terminal; without one use `rigctl run`, `rigctl status`, `rigctl answer`"
+        )
     console = Console(place, plugins, leave_terminal=_leave_terminal)
     watch_terminal()
     try:

@@ -1,0 +1,187 @@
+"""The console on terminals as they are: dumb, without colours or signs, small, dropped, and killed."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigctl.campaign.session.requests import is_running
+
+SLOW_S = 90.0
+_ESCAPES = re.compile(r"\x1b(\[[0-9;?<>=]*[ -/]*[@-~]|\][^\x07]*\x07|[()][A-Z0-9]|[=>78])")
+
+
+class Terminal:
+    """`rigctl console` on a pseudo-terminal of its own."""
+
+    def __init__(
+        self, directory: Path, *arguments: object, columns: int = 80, rows: int = 24, **environment: str
+    ) -> None:
+        self._ours, theirs = os.openpty()
+        self.resize(columns, rows)
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "rigctl", "console", *map(str, arguments)],
+            cwd=directory,
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            env={**os.environ, "TERM": "xterm-256color", "XDG_STATE_HOME": str(directory / "state"), **environment},
+            start_new_session=True,
+        )
+        os.close(theirs)
+        self.seen = bytearray()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    @property
+    def text(self) -> str:
+        """All that was ever drawn, without escape sequences."""
+        return _ESCAPES.sub("", self.seen.decode(errors="replace"))
+
+    def resize(self, columns: int, rows: int) -> None:
+        """As who drags the corner of its window."""
+        fcntl.ioctl(self._ours, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+    def type(self, keys: str) -> None:
+        """Keys, as fast as they come."""
+        os.write(self._ours, keys.encode())
+
+    def sees(self, words: str) -> None:
+        """Wait until words were drawn."""
+        self.until(lambda: words in self.text, words)
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        """Wait until something is so."""
+        deadline = time.monotonic() + SLOW_S
+        while not condition():
+            assert time.monotonic() < deadline, f"{what}: it did not happen:\n{self.text[-4000:]}"
+            assert self.process.poll() is None or condition(), f"the console ended first:\n{self.text[-4000:]}"
+            time.sleep(0.05)
+
+    def ends(self) -> int:
+        """Wait for its status."""
+        return self.process.wait(SLOW_S)
+
+    def hang_up(self) -> None:
+        """The connection drops."""
+        os.close(self._ours)
+
+    def close(self) -> None:
+        """Whatever is left of it."""
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+    def _read(self) -> None:
+        while True:
+            try:
+                data = os.read(self._ours, 65536)
+            except OSError:  # nobody has it open any more
+                return
+            if not data:
+                return
+            self.seen += data
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Callable[..., Terminal]]:
+    """Terminals in a directory of their own."""
+    opened: list[Terminal] = []
+
+    def open_one(*arguments: object, **options: Any) -> Terminal:
+        opened.append(Terminal(tmp_path, *arguments, **options))
+        return opened[-1]
+
+    yield open_one
+    for each in opened:
+        each.close()
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"TERM": "dumb"},
+        {"TERM": "vt100", "NO_COLOR": "1"},
+        {"LANG": "C", "LC_ALL": "C"},
+        {"LANG": "C", "LC_ALL": "C", "PYTHONIOENCODING": "ascii"},
+        {"LANG": "de_DE.ISO-8859-1", "TERM": "linux"},
+    ],
+    ids=lambda environment: " ".join(f"{name}={value}" for name, value in environment.items()),
+)
+def test_it_is_drawn_and_operated_on_any_terminal(
+    measured: Path, terminal: Callable[..., Terminal], environment: dict[str, str]
+) -> None:
+    console = terminal(measured, **environment)
+    console.sees("DONE 18/18")
+    console.type("3")
+    console.sees("Sensing axes")
+    console.type("q")
+    assert console.ends() == 0
+    assert "Traceback" not in console.text
+
+
+def test_a_terminal_that_is_too_small_says_so_and_goes_on_when_it_is_larger(
+    measured: Path, terminal: Callable[..., Terminal]
+) -> None:
+    console = terminal(measured, columns=60, rows=20)
+    console.sees("the console needs 80 x 24")
+    console.resize(120, 40)
+    os.kill(console.process.pid, signal.SIGWINCH)
+    console.sees("DONE 18/18")
+    console.type("q")
+    assert console.ends() == 0
+
+
+def test_without_a_terminal_it_is_one_line(measured: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "rigctl", "console", str(measured)],
+        cwd=tmp_path,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=SLOW_S,
+        env={**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")},
+    )
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "terminal" in done.stderr
+
+
+@pytest.mark.parametrize("how", ["killed", "hung up"])
+def test_a_campaign_outlives_its_console_and_another_one_takes_it_over(
+    desk: Any, terminal: Callable[..., Terminal], how: str
+) -> None:
+    store = desk.directory / "campaign.rig.sqlite"
+    first = terminal("campaign.toml")
+    first.sees("campaign.toml")
+    first.type("2s")
+    first.sees("Start a campaign")
+    first.type("\r")
+    first.sees("WAITS FOR YOU")
+    if how == "killed":
+        first.process.kill()
+    else:
+        first.hang_up()
+    first.ends()
+    assert is_running(store)
+    second, third = terminal(store), terminal(store)
+    second.sees("WAITS FOR YOU")
+    third.sees("WAITS FOR YOU")
+    third.type("abort\r")
+    second.sees("ABORTED")
+    assert not is_running(store)
+    for console in (second, third):
+        console.type("q")
+        assert console.ends() == 0
