@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup certificates console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
+.PHONY: setup certificates console-operator console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -95,6 +95,11 @@ wire-dialects: setup
 	mkdir -p out
 	rm -f out/wire-dialects.md
 	RIGCTL_WIRE_DIALECTS=$(CURDIR)/out/wire-dialects.md OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 tests/campaigns/test_dialects_over_the_wire.py
+
+# A scripted operator at the console, by keys through a pseudo-terminal: every shipped campaign, the workbench's loop, faults. Ten minutes.
+console-operator: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check pyte==0.8.2
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.console.operator
 
 # The console's screens in docs/console.md: half a minute.
 console-pictures: setup
