@@ -16,6 +16,9 @@ from rigctl.composition import workbench_of
 from rigctl.report.drawn import drawing_of
 from rigctl.report.figures.data import write_plates
 
+# A whole campaign and its budget before the first of them: a minute, on a computer that may be busy.
+pytestmark = pytest.mark.timeout(600)
+
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 
 TABLE_1 = {
