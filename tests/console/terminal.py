@@ -32,7 +32,13 @@ class Terminal:
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,
-            env={**os.environ, "TERM": "xterm-256color", "XDG_STATE_HOME": str(directory / "state"), **environment},
+            env={
+                # These two are believed before the terminal is asked.
+                **{name: value for name, value in os.environ.items() if name not in {"COLUMNS", "LINES"}},
+                "TERM": "xterm-256color",
+                "XDG_STATE_HOME": str(directory / "state"),
+                **environment,
+            },
             start_new_session=True,
         )
         os.close(theirs)
