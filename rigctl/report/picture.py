@@ -32,6 +32,7 @@ class Line:
 class Picture:
     """What a plot shows; ranges are found from the data where none are given.
 
+    Behind a colon in the title stand values of the moment: with others it is the same plot.
     Values, ranges and levels are what they are on an axis of any scale; a logarithmic one leaves out what is not
     positive, "symlog" is linear within one and logarithmic to either side.
     """

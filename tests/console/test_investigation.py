@@ -53,10 +53,11 @@ def test_what_it_finds_is_added_when_the_operator_agrees_and_not_otherwise(begun
 
 
 @pytest.mark.timeout(600)
-def test_stop_ends_it_while_it_asks(begun: Path, at_console: Any) -> None:
+@pytest.mark.parametrize("keys", [("f8",), ("escape", "a", "y")], ids=["STOP", "abort"])
+def test_it_is_ended_while_it_asks(begun: Path, at_console: Any, keys: tuple[str, ...]) -> None:
     async def sitting(seat: Any) -> None:
         await starts(seat)
-        await seat.press("f8")
+        await seat.press(*keys)
         await seat.until(lambda: not seat.app._campaigns.investigates(seat.app._view.path))
         await seat.until(lambda: not seat.app._view.alive)
 

@@ -173,6 +173,8 @@ def test_what_is_beside_a_zoomed_window_comes_into_sight_with_the_cursor() -> No
         app.plot.show(scattered())
         assert app.plot.window is not None
         assert app.plot.cursor == Point(0, 2)
+        app.plot.show(Picture("residuals: 3.9 after 3 runs", scattered().lines, "angle"))
+        assert app.plot.cursor == Point(0, 2)
         await pilot.press("0")
         assert app.plot.window is None
         assert app.plot.cursor is None

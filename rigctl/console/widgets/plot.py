@@ -84,8 +84,8 @@ class Plot(Widget, can_focus=True):
 
     def show(self, picture: Picture) -> None:
         """Draw another picture; the same one with more data keeps its window and its cursor."""
-        same = (picture.title, picture.x_label) == (self.picture.title, self.picture.x_label)
-        if not same or (self.cursor is not None and not has_point(picture, self.cursor)):
+        former, now = ((each.title.partition(":")[0], each.x_label) for each in (self.picture, picture))
+        if former != now or (self.cursor is not None and not has_point(picture, self.cursor)):
             self.window = self.cursor = None
         self.picture = picture
         # Of another size or in other colours no row is as it was; what is hidden may come back at its old size.
