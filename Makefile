@@ -96,7 +96,7 @@ wire-dialects: setup
 	rm -f out/wire-dialects.md
 	RIGCTL_WIRE_DIALECTS=$(CURDIR)/out/wire-dialects.md OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 tests/campaigns/test_dialects_over_the_wire.py
 
-# A scripted operator at the console, by keys through a pseudo-terminal: every shipped campaign, the workbench's loop, faults. Ten minutes.
+# A scripted operator at the console, by keys through a pseudo-terminal: every shipped campaign, the workbench's loop, faults. A quarter of an hour.
 console-operator: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check pyte==0.8.2
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.console.operator
