@@ -47,6 +47,12 @@ def test_where_there_is_room_a_table_is_one(table: ResultTable) -> None:
     assert all(heading.lstrip("#") in lines[1] for heading in table.columns)
 
 
+def test_a_cell_of_several_lines_is_as_wide_as_its_longest() -> None:
+    rows = [["* quadratic\n    K2[X] = 0.0040 ± 0.0002 s2/m\n    like cable-hysteresis", "1e-23"], ["  yaw", "1"]]
+    lines = drawn(ResultTable("", ["effect", "#p corr."], rows), 100).splitlines()
+    assert len(lines[0]) == len("│     K2[X] = 0.0040 ± 0.0002 s2/m │ p corr. │")
+
+
 def test_rows_that_one_column_does_not_tell_apart_keep_the_columns_that_do() -> None:
     rows = [["3", "-606", reading, *["-1430.3 ± 6.9"] * 6] for reading in ("m_y", "m_z")]
     pieces = drawn(ResultTable("", ["scan", "#tilt", "reading", *["#cos"] * 6], rows), 64)

@@ -120,7 +120,8 @@ class FittedTable:
         return self.table.columns[column].startswith("#") or any("±" in row[column] for row in self.table.rows)
 
     def _length(self, column: int) -> int:
-        return max((cell_len(row[column]) for row in self.table.rows), default=0)
+        lines = (line for row in self.table.rows for line in row[column].split("\n"))
+        return max(map(cell_len, lines), default=0)
 
     def _drawn(self, columns: Sequence[int], *, spread: bool = False, folded: bool = False) -> Table:
         drawn = Table(padding=(0, 1), **self.look)
