@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup certificates console-operator console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
+.PHONY: setup wheel certificates console-operator console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -20,6 +20,10 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	touch $@
+
+# dist/rigctl-VERSION-py3-none-any.whl: all that is needed to install it elsewhere.
+wheel: setup
+	$(BIN)/python -m build --quiet --wheel --no-isolation --outdir dist
 
 flight-model: setup
 	mkdir -p out

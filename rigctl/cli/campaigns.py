@@ -25,8 +25,10 @@ app = typer.Typer()
 def run(
     campaign: CampaignToml,
     rig: Annotated[Path | None, typer.Option(metavar="RIG.toml", help="Use this rig instead.")] = None,
-    store: Annotated[Path | None, typer.Option(help="Where to keep everything; default NAME.rig.sqlite.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of a simulated world.")] = None,
+    store: Annotated[
+        Path | None, typer.Option(metavar="STORE", help="Where to keep everything; default NAME.rig.sqlite.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of a simulated world.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
     dry: Annotated[bool, typer.Option("--dry-run", help="Check and tell what would be done.")] = False,
     unchecked: Unchecked = False,

@@ -15,6 +15,7 @@ from typer.main import get_command
 from rigctl.cli import io
 
 MODULES = {
+    "demo": ("demo",),
     "campaigns": ("run", "resume"),
     "steering": ("pause", "abort", "answer", "status", "mark"),
     "results": ("result",),
@@ -31,6 +32,8 @@ MODULES = {
     "instruments": ("stop", "home", "move"),
     "wire": ("wire", "replay"),
     "console": ("console",),
+    "completion": ("completion",),
+    "manual": ("man",),
 }
 """Commands by the module of this package whose Typer application `app` has them, in the order of the help."""
 

@@ -27,7 +27,7 @@ app = typer.Typer()
 @app.command("import")
 def import_(
     bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="A bundle: a directory or a .zip of one.")],
-    store: Annotated[Path, typer.Option(help="The store to make.")],
+    store: Annotated[Path, typer.Option(metavar="STORE", help="The store to make.")],
     as_json: Json = False,
 ) -> None:
     """Read a recording, ours or another laboratory's, into a store."""
@@ -81,7 +81,7 @@ def _reduced(store: Store) -> dict[str, str]:
 def export(
     store: StoreFile,
     directory: Annotated[Path, typer.Argument(metavar="DIR")],
-    format_: Annotated[str, typer.Option("--format", help="bundle or hdf5")] = "bundle",
+    format_: Annotated[str, typer.Option("--format", metavar="FORMAT", help="bundle or hdf5")] = "bundle",
     salvage: Annotated[
         bool, typer.Option("--salvage", help="Save what verifies of a damaged store, and runs that were cut off.")
     ] = False,

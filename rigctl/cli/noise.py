@@ -38,7 +38,9 @@ def noise(
     time: Annotated[
         str | None, typer.Option(metavar="NAME", help="Column of times in seconds of a CSV file; default: t_s.")
     ] = None,
-    taus: Annotated[str, typer.Option(help="Averaging times: octave or decade (1, 2, 5).")] = "octave",
+    taus: Annotated[
+        str, typer.Option(metavar="SPACING", help="Averaging times: octave or decade (1, 2, 5).")
+    ] = "octave",
     confidence: Annotated[float, typer.Option(metavar="P", parser=number, help="Of the intervals.")] = 0.6827,
     above: Annotated[float, typer.Option(metavar="HZ", parser=number, help="Fit the density from here on.")] = 0.0,
     below: Annotated[float, typer.Option(metavar="HZ", parser=number, help="Fit the density up to here.")] = 1e40,

@@ -47,7 +47,9 @@ def next_(
 @app.command()
 def investigate(
     campaign: CampaignToml,
-    store: Annotated[Path, typer.Option(help="Where to keep everything; goes on with one that is there.")],
+    store: Annotated[
+        Path, typer.Option(metavar="STORE", help="Where to keep everything; goes on with one that is there.")
+    ],
     max_runs: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="At most so many runs; default: those of a full scan.")
     ] = None,
