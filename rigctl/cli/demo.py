@@ -67,7 +67,9 @@ def _story() -> None:
     with _simulated():
         _tell(
             """The rig file that was written has these addresses, and nothing of the simulated nature behind them.
-            Twenty-four runs take ten minutes of the bench; it goes forty times as fast as the clock."""
+            Twenty-four runs take ten minutes of the bench, which goes forty times as fast as the clock. They tell the
+            null, the angle at which the sensor does not feel the motion; an axis would take more mountings, and
+            lasers."""
         )
         _type("run", CAMPAIGN, "--rig", SERVED, "--store", STORE, "--yes")
     _tell("Does the model of the campaign file describe what was measured, within the noise?")
