@@ -45,15 +45,6 @@ def test_installed_campaigns_are_found_where_the_wheel_has_them(wheel: zipfile.Z
     assert (shipped_campaigns() / "demo.toml").is_file()
 
 
-def test_the_wheel_has_the_command_and_all_plug_in_groups(wheel: zipfile.ZipFile) -> None:
-    (name,) = [each for each in wheel.namelist() if each.endswith("entry_points.txt")]
-    text = wheel.read(name).decode()
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for group, points in {"console_scripts": project["scripts"], **project["entry-points"]}.items():
-        section = text.split(f"[{group}]\n", 1)[1].split("\n\n", 1)[0]
-        assert set(section.splitlines()) == {f"{point} = {value}" for point, value in points.items()}
-
-
 def test_what_modules_import_comes_with_the_wheel(wheel: zipfile.ZipFile) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
