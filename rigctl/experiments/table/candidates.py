@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -30,9 +31,37 @@ Whitener = Callable[[FloatArray], FloatArray]
 
 # Of what the turning point explains: above, its second parameter buys next to nothing.
 _ALL_BUT_LITTLE = 0.95
+# Of derivatives, 128 MB.
+_NUMBERS_KEPT = 1 << 24
 
 
-def candidate_of(form: Form, term: Term, response_unit: str, spanned: Spanned, residual: FloatArray) -> Candidate:
+class Derivatives:
+    """The derivatives of a table's forms beside models, each made once: they depend on the data, and on which simple
+    functions a model spans, not on its fit."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[Any, ...], tuple[FloatArray, FloatArray]] = {}
+        self._numbers = 0
+
+    def of(self, form: Form, choice: Choice, spanned: Spanned) -> tuple[FloatArray, FloatArray]:
+        """A derivative (n, d) without what the model spans, and its rms (d,)."""
+        parts, trivial = form.parts(choice), form.trivial()
+        left_out = tuple(map(spanned.holds, parts))
+        held = tuple(spanned.holds(each[:, None]) for each in trivial)
+        key = (form.id, *sorted(choice.items()), left_out, held)
+        if key in self._made:
+            return self._made[key]
+        derivative = _beside(parts, left_out, _space_of(trivial, held, spanned.rows))
+        made = derivative, _rms(derivative)
+        self._numbers += derivative.size
+        if self._numbers <= _NUMBERS_KEPT:
+            self._made[key] = made
+        return made
+
+
+def candidate_of(
+    form: Form, term: Term, response_unit: str, spanned: Spanned, residual: FloatArray, derivatives: Derivatives
+) -> Candidate:
     """A form as a candidate beside a model that spans `spanned` and has the residuals `residual` (n,).
 
     A square of years from 1950 to 2020 is all but a multiple of the years: its derivative is given without the
@@ -41,19 +70,20 @@ def candidate_of(form: Form, term: Term, response_unit: str, spanned: Spanned, r
     """
     columns: FloatArray | MadeColumns
     if spanned.few is None or not isinstance(form, Power | Turning | Function | Interaction | Drift):
-        columns = derivative = _without_trivial(form, form.parts(term.choice), spanned)
+        columns, rms = derivatives.of(form, term.choice, spanned)
     else:
         # Columns of a long table are made when they are asked for; for a typical size some of the rows do.
         columns, rows = MadeColumns(form, term.choice, spanned), some_of(spanned.rows)
         few = at_rows(form, rows)
-        derivative, residual = _without_trivial(few, few.parts(term.choice), spanned.few), residual[rows]
+        residual = residual[rows]
+        rms = _rms(_without_trivial(few, few.parts(term.choice), spanned.few))
     return Candidate(
         term,
         tuple(f"{term.effect}{name}" for name in form.names(term.choice)),
         form.units(response_unit, term.choice),
         columns,
         # The size that would make all of the residual: of a table's effects nobody knows another.
-        _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
+        _rms(residual) / np.maximum(rms, np.finfo(np.float64).tiny),
         whole=_whole_of(form, term.choice, spanned) if isinstance(form, Level | Slope) else None,
     )
 
@@ -103,18 +133,16 @@ class Scans:
 
     def scan(self, form: Scanned, spanned: Spanned) -> Scan | SummedScan:
         """A form with each of its choices, without the trivial functions that the model spans."""
-        trivial = form.trivial()
-        held = tuple(spanned.holds(each[:, None]) for each in trivial)
+        held = tuple(spanned.holds(each[:, None]) for each in form.trivial())
         if (form.id, held) not in self._made:
             made = _scan_of if spanned.few is None else _summed_scan_of
-            self._made[form.id, held] = made(form, self.choices(form), partial(_held, form, held))
+            self._made[form.id, held] = made(form, self.choices(form), partial(_held, form, held, spanned.rows))
         return self._made[form.id, held]
 
 
-def _held(form: Form, held: Sequence[bool]) -> FloatArray:
-    """A basis of the trivial functions that are held, (n, t)."""
-    trivial = form.trivial()
-    return span_of_functions([each for each, is_held in zip(trivial, held, strict=True) if is_held], len(trivial[0]))
+def _held(form: Form, held: Sequence[bool], rows: int) -> FloatArray:
+    # Of a long table the functions are as long as its columns: made when they are asked for.
+    return _space_of(form.trivial(), held, rows)
 
 
 def _scan_of(form: Scanned, choices: Sequence[Choice], space_of: Callable[[], FloatArray]) -> Scan:
@@ -248,10 +276,13 @@ def _square_of(turning: Turning, spans: Spans) -> FloatArray:
 
 
 def _without_trivial(form: Form, parts: list[FloatArray], spanned: Spanned) -> FloatArray:
+    return _beside(parts, tuple(map(spanned.holds, parts)), _trivial_space(form, spanned))
+
+
+def _beside(parts: list[FloatArray], left_out: Sequence[bool], space: FloatArray) -> FloatArray:
     # Left out and not projected out: their difference from a large column would lose the digits.
-    remaining = [part for part in parts if not spanned.holds(part)] or parts[-1:]
+    remaining = [part for part, is_held in zip(parts, left_out, strict=True) if not is_held] or parts[-1:]
     derivative = np.sum(remaining, axis=0) if len(remaining) > 1 else remaining[0]
-    space = _trivial_space(form, spanned)
     for _ in range(2 if space.shape[1] else 0):
         derivative = derivative - space @ (space.T @ derivative)
     return np.asarray(derivative)
@@ -259,7 +290,12 @@ def _without_trivial(form: Form, parts: list[FloatArray], spanned: Spanned) -> F
 
 def _trivial_space(form: Form, spanned: Spanned) -> FloatArray:
     """A basis of the simple functions beside which a form is what remains, as far as the model spans them."""
-    return span_of_functions([each for each in form.trivial() if spanned.holds(each[:, None])], spanned.rows)
+    trivial = form.trivial()
+    return _space_of(trivial, [spanned.holds(each[:, None]) for each in trivial], spanned.rows)
+
+
+def _space_of(trivial: Sequence[FloatArray], held: Sequence[bool], rows: int) -> FloatArray:
+    return span_of_functions([each for each, is_held in zip(trivial, held, strict=True) if is_held], rows)
 
 
 def _explained(functions: FloatArray, spanned: FloatArray, residual: FloatArray) -> float:

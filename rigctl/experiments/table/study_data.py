@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.batches import Ratios, correlation, ratios_of, shared_offsets
-from rigctl.experiments.table.candidates import Scans
+from rigctl.experiments.table.candidates import Derivatives, Scans
 from rigctl.experiments.table.catalogue import generic, why_not
 from rigctl.experiments.table.model.form import TableEffect
 from rigctl.experiments.table.model.start import POINTS_MAX, baseline_start
@@ -68,6 +68,11 @@ class TableData:
     def scans(self) -> Scans:
         """The catalogue's scans; the more columns, the fewer points has each."""
         return Scans(min(max(_GRID_POINTS // max(len(self.readings.columns), 1), _GRID_LEAST), POINTS_MAX))
+
+    @cached_property
+    def derivatives(self) -> Derivatives:
+        """What is made of the catalogue's other forms."""
+        return Derivatives()
 
     @cached_property
     def baseline(self) -> tuple[FloatArray, FloatArray]:

@@ -21,6 +21,8 @@ class Questions:
 
     def __init__(self, study: Study, model: Model, values: FloatArray) -> None:
         self._study, self._model, self._values = study, model, values
+        # Asked for each candidate, and a protocol is slow to recognise.
+        self._effectwise = study if isinstance(study, AsksOneByOne) else None
         self._one_by_one: Groups = {}
 
     def at(self, values: FloatArray) -> Questions:
@@ -30,7 +32,7 @@ class Questions:
         depend, by a few ten-thousandths, on the word that the others are counted from.
         """
         # Only tables have words, and elsewhere asking costs more than fitting.
-        if not isinstance(self._study, AsksOneByOne) or np.allclose(values, self._values, rtol=_SAME, atol=0.0):
+        if self._effectwise is None or np.allclose(values, self._values, rtol=_SAME, atol=0.0):
             return self
         return Questions(self._study, self._model, values)
 
@@ -51,16 +53,16 @@ class Questions:
 
     def of(self, effect: str) -> list[Sequence[Candidate]]:
         """Those of one effect; none where it is no candidate. Often no other is asked about."""
-        if "_asked" in self.__dict__ or not isinstance(self._study, AsksOneByOne):
+        if "_asked" in self.__dict__ or self._effectwise is None:
             return self.groups.get(effect, [])
         if effect not in self._one_by_one:
-            self._one_by_one[effect] = self._study.groups_of(self._model, self._values, effect)
+            self._one_by_one[effect] = self._effectwise.groups_of(self._model, self._values, effect)
         return self._one_by_one[effect]
 
     @cached_property
     def _asked(self) -> tuple[Groups, list[NotTestable]]:
-        if isinstance(self._study, AsksOneByOne):
-            return self._study.candidate_groups(self._model, self._values)
+        if self._effectwise is not None:
+            return self._effectwise.candidate_groups(self._model, self._values)
         candidates, not_testable = self._study.candidates(self._model, self._values)
         return _grouped(candidates), not_testable
 
