@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.campaigns import Plan, Work, campaigns_of, plan_of
+from rigctl.campaign.item import ITEM, item_of
 from rigctl.campaign.origin import rig_file_of, truth_path
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import locks, rig_time
@@ -93,6 +94,7 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
             )
         if campaign.experiment != store.header.experiment:
             raise ConfigError(f"{campaign.path}: experiment: the store holds {store.header.experiment}")
+        _require_same_item(store, campaign)
         # Where the last campaign has left the package.
         mounted = campaigns_of(campaign.experiment, campaign.path).mounted(store)
         plugins = _loaded_for(store, options.plugins, {})
@@ -102,6 +104,15 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
             # Only with the rig in our hands: a further campaign that could not begin must not be kept as begun.
             begin_part(store, part, began_s)
             _carry_out(store, rig, work, control, options, part)
+
+
+def _require_same_item(store: Store, campaign: CampaignFile) -> None:
+    known, said = item_of(store).serial, campaign.item.serial
+    if known and said and known != said:
+        raise ConfigError(
+            f"{campaign.path}: item.serial is {said}, and {store.path} is the calibration of {known}; "
+            "name another store"
+        )
 
 
 def resume(store_path: Path, options: Options) -> None:
@@ -256,6 +267,7 @@ def header_of(campaign: CampaignFile, rig: Rig, options: Options, kept: Mapping[
         extra={
             "certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()},
             "unattended": options.unattended,
+            **({ITEM: stated} if (stated := campaign.item.stated) else {}),
             **kept,
         },
     )

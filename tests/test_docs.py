@@ -36,6 +36,7 @@ from rigctl.cli import app
 from rigctl.effects.catalogue import catalogue
 from rigctl.files import package
 from rigctl.files.campaign_file import CampaignFile, ModelTable, ReferenceTable
+from rigctl.files.item import Item
 from rigctl.files.rig_file import Certificate, Constant, InstrumentTable, OperatorTable, RigTable
 from rigctl.rig import DRIVERS, simulator_of
 from simulators import faults
@@ -131,6 +132,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "faults of instruments": (faults.InstrumentFaults, {"seed"}),
     "event": (faults.Spell, set()),
     "campaign": (CampaignFile, FILE_FIELDS),
+    "item": (Item, set()),
     "procedure": (Procedure, set()),
     "procedure.runs": (ListedRun, set()),
     "response procedure": (response_tables.Procedure, set()),

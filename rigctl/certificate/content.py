@@ -15,6 +15,7 @@ import numpy as np
 
 from rigctl.analysis.conformity import Knowledge, decide
 from rigctl.analysis.measurement_result import Limits, MeasurementResult
+from rigctl.campaign.item import item_of
 from rigctl.campaign.status import status_in
 from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
@@ -25,6 +26,7 @@ from rigctl.certificate.model_in_force import model_in_force
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.experiments.analysis import measurement_result_of
 from rigctl.files.certificate_file import CertificateDetails
+from rigctl.files.item import Item
 from rigctl.workbench.workbench import Workbench
 
 FORMAT = "rigctl-certificate 1"
@@ -44,6 +46,11 @@ class Certificate:
         """Its own number."""
         return str(self.content["number"])
 
+    @property
+    def item(self) -> Item:
+        """What was calibrated."""
+        return Item.model_validate(self.content["item"])
+
 
 def certificate_of(
     bench: Workbench,
@@ -60,6 +67,7 @@ def certificate_of(
     """
     store = bench.store
     state = _state(store, unfinished=unfinished)
+    details = details.model_copy(update={"item": _item(store, details)})
     tell("working out the result")
     result = measurement_result_of(bench)
     tell("judging the model")
@@ -109,6 +117,17 @@ def _state(store: Store, *, unfinished: bool) -> str:
     if not unfinished:
         raise DataError(f"{store.path}: {said}; `rigctl resume` it first, or certify what there is with --unfinished")
     return said
+
+
+def _item(store: Store, details: CertificateDetails) -> Item:
+    """What the details say of the item, and the store of what they leave open; `ConfigError` for another item."""
+    known, said = item_of(store), details.item
+    if known.serial and said.serial and known.serial != said.serial:
+        raise ConfigError(
+            f"{details.path}: item.serial is {said.serial}, and {store.path} is the calibration of {known.serial}; "
+            "take the store or the details of the other item"
+        )
+    return Item.model_validate({**known.stated, **said.stated})
 
 
 def _number(basis: Basis, issued: str) -> str:

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from rigctl.campaign.item import ITEM
+from rigctl.campaign.store.entries import CERTIFIED
 from rigctl.certificate import issue
 from rigctl.certificate.content import certificate_of
 from rigctl.certificate.verify import verify as verified
@@ -36,6 +38,8 @@ def certificate(
     with opened_workbench(store, plugin or ()) as workbench:
         made = certificate_of(workbench, given, utc_now(), unfinished=unfinished, tell=tell)
         issue.write(made, out)
+        # Who looks at the store later knows of which item it is: no certificate need be at hand.
+        workbench.store.add_event(CERTIFIED, {"number": made.number, "file": str(out), ITEM: made.item.stated})
     for warning in made.content["warnings"]:
         tell(f"warning: {warning}")
     document = {"written": str(out), "number": made.number, "basis_sha256": made.content["basis_sha256"]}

@@ -15,6 +15,7 @@ from rigctl.core.additions import procedure_for
 from rigctl.core.errors import either
 from rigctl.core.experiments import EXPERIMENTS, REGISTRY, measured
 from rigctl.core.file_tables import Table
+from rigctl.files.item import Item
 from rigctl.files.toml_files import checked_file, parsed_file, read_text
 
 
@@ -45,6 +46,7 @@ class CampaignFile(Table):
     procedure: dict[str, Any]
     targets: dict[str, Any] = {}
     model: ModelTable = ModelTable()
+    item: Item = Item()
     on_terminal_lost: Literal["continue", "stop"] = "continue"
     reference: ReferenceTable = ReferenceTable()
 

@@ -5,16 +5,15 @@ The clauses are those of ISO/IEC 17025:2017. Nothing is made up: what is not sta
 
 from __future__ import annotations
 
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from rigctl.core.file_tables import Table
+from rigctl.files.item import Item, Line
 from rigctl.files.toml_files import checked_file, parsed_file, read_text
 
-Line = Annotated[str, Field(max_length=2000)]
 Code = Annotated[str, Field(pattern="^[A-Z]{2}$")]
 
 
@@ -27,17 +26,6 @@ class Party(Table):
     country: Code | None = None
     email: Line = ""
     accreditation: Line = ""
-
-
-class Item(Table):
-    """What was calibrated (7.8.2.1 g, h)."""
-
-    name: Line = ""
-    manufacturer: Line = ""
-    model: Line = ""
-    serial: Line = ""
-    condition: Line = ""
-    received: date | None = None
 
 
 class Person(Table):

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rigctl.campaign.item import item_of
+from rigctl.campaign.store.store import Store
 from rigctl.certificate import sealed
 from rigctl.files.certificate_file import read_details
 
@@ -54,7 +57,7 @@ def table(desk: Any) -> Any:
 
 
 def test_a_campaign_is_certified_verified_fitted_further_and_marked(desk: Any) -> None:
-    desk.campaign(("mountings = 1", "mountings = 2"))
+    desk.campaign(("mountings = 1", "mountings = 2"), ("[model]", "[item]\nserial = 'FM-1'\n\n[model]"))
     desk.rig(("[certificates.cube]", "[certificates.cube]\nnumber = 'C-7'\nexpires = 2001-02-03"))
     axis = desk.run().json["result"]["axes"]["X"]
     out = desk.directory / "x.html"
@@ -64,6 +67,7 @@ def test_a_campaign_is_certified_verified_fitted_further_and_marked(desk: Any) -
     spread = quantities["half-cone deviation X"]
     assert spread["value"] == pytest.approx(axis["std_hc_2sigma_arcsec"], rel=1e-9)
     assert spread["conformity"]["limits"]["upper"] == axis["requirement_arcsec"]
+    assert content["item"]["serial"] == "FM-1"
     length = sum(quantities[f"axis X, {component}"]["value"] ** 2 for component in "xyz")
     assert length == pytest.approx(1.0, rel=1e-12)
     parts = [each["standard_uncertainty"][1] ** 2 for each in content["budget"]]
@@ -101,6 +105,41 @@ def test_a_table_is_certified_with_the_numbers_of_its_fit(table: Any) -> None:
         assert found[name]["standard_uncertainty"] == pytest.approx(ratio * sigma, rel=1e-5)
         assert found[name]["effective_dof"] == pytest.approx(31.0)
         assert found[name]["expanded_uncertainty"] == pytest.approx(2.04 * ratio * sigma, rel=2.5e-3)
+
+
+def test_a_store_tells_its_certificate_the_item_and_learns_it_from_one(desk: Any) -> None:
+    bundle = desk.directory / "bundle"
+    shutil.copytree(PONTIUS, bundle)
+    header = bundle / "recording.toml"
+    header.write_text(header.read_text() + "\n[item]\nserial = 'LC-7'\nname = 'load cell'\n")
+    assert desk.rigctl("import", bundle, "--store", "named.rig.sqlite").status == 0
+    (desk.directory / "d.toml").write_text("[item]\nname = 'cell of steel'\n")
+    assert desk.rigctl("certificate", "named.rig.sqlite", "--details", "d.toml", "--out", "t.html").status == 0
+    item = _content(desk.directory / "t.html")["item"]
+    assert (item["serial"], item["name"]) == ("LC-7", "cell of steel")
+    (desk.directory / "d.toml").write_text("[item]\nserial = 'LC-8'\n")
+    other = desk.rigctl("certificate", "named.rig.sqlite", "--details", "d.toml", "--out", "u.html")
+    other.refused(2, "d.toml: item.serial is LC-8", "named.rig.sqlite is the calibration of LC-7")
+
+    assert desk.rigctl("import", PONTIUS, "--store", desk.store).status == 0
+    with Store.open(desk.store, readonly=True) as store:
+        assert item_of(store).serial == ""
+    assert desk.rigctl("certificate", desk.store, "--details", "d.toml", "--out", "u.html").status == 0
+    with Store.open(desk.store, readonly=True) as store:
+        assert item_of(store).serial == "LC-8"
+    assert desk.rigctl("verify", "u.html", desk.store).status == 0
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [("serial = 7", "item.serial is 7, not a text"), ("colour = 'red'", "item.colour is unknown"), ("x", "line ")],
+)
+def test_an_item_that_is_none_is_refused_at_import(desk: Any, table: str, said: str) -> None:
+    bundle = desk.directory / "bundle"
+    shutil.copytree(PONTIUS, bundle)
+    header = bundle / "recording.toml"
+    header.write_text(header.read_text() + f"\n[item]\n{table}\n")
+    desk.rigctl("import", bundle, "--store", desk.store).refused(2, "recording.toml", said)
 
 
 def test_names_with_markup_are_text(table: Any) -> None:

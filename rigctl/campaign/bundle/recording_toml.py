@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, date, datetime, time
 from typing import Any
 
+from pydantic import ValidationError
+
 from rigctl.campaign.bundle.csv_table import decode
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.layout import FACES
@@ -17,6 +19,7 @@ from rigctl.core.experiments import EXPERIMENTS, of_readings
 from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.core.toml import TomlFlaw, parsed, to_toml
 from rigctl.core.units import flaw_of_constant, same_unit, unit_of_column
+from rigctl.files.item import Item
 
 # tomllib tells no position of a value, so keys are looked for in the text once an error needs its line.
 _KEY = r"""(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*')"""
@@ -81,6 +84,7 @@ def read_header(place: Place, data: bytes) -> Header:
     if not isinstance(experiment, str) or experiment not in EXPERIMENTS:
         problem = "is missing" if experiment is None else f"{experiment!r} is unknown"
         raise document.error(("experiment",), f"{problem}; write {either(EXPERIMENTS)}")
+    _require_item(document)
     extra = {name: _json(value) for name, value in document.data.items() if name not in _NAMED}
     if of_readings(experiment):
         extra["table"] = _table_spec(document)
@@ -220,6 +224,20 @@ def _batch(document: TomlDocument, values: Mapping[str, Any]) -> dict[str, list[
     if not isinstance(columns, list) or not all(isinstance(name, str) for name in columns):
         raise document.error(("table", "batch"), f'is {columns!r}; write a list of columns, such as ["lot"]')
     return {"batch": columns}
+
+
+def _require_item(document: TomlDocument) -> None:
+    """Raise unless `[item]` is one where it is there: further keys would be lost to every certificate."""
+    for name, value in _section(document, ("item",)).items():
+        if name not in Item.model_fields:
+            raise document.error(("item", name), f"is unknown; the keys are {', '.join(Item.model_fields)}")
+        if name != "received":
+            _text(document, ("item", name), value)
+    try:
+        Item.model_validate(_json(_section(document, ("item",))))
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise document.error(("item", *map(str, fault["loc"])), f"cannot be read: {fault['msg']}; mend it") from None
 
 
 def _section(document: TomlDocument, keys: tuple[str, ...]) -> Mapping[str, Any]:

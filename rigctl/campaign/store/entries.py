@@ -11,6 +11,8 @@ RUN_ENDED = "run-ended"
 """Keeps when a run was over."""
 IMPORTED = "import"
 """Keeps what was found in the bundle that a store was made from."""
+CERTIFIED = "certified"
+"""Keeps that a certificate was issued: its number, its file and the item it is of."""
 TEMPERATURE_MISSED = "temperature-missed"
 """A thermometer failed or had no valid value; no run is given up for it."""
 
