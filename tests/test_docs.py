@@ -6,6 +6,7 @@ import contextlib
 import json
 import re
 import shlex
+import shutil
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -390,6 +391,36 @@ def test_keys_of_noise_are_as_documented(measured: str) -> None:
     density = of_one_channel["density"]
     assert {*density, *density["terms"][0]} <= set(re.findall(r"`(\w+)`", rows["density"]))
     assert set(of_one_channel["coefficients"][0]) == set(re.findall(r"`(\w+)`", rows["coefficients"]))
+
+
+def test_keys_of_a_history_are_as_documented(desk: Path) -> None:
+    for year in (2020, 2021, 2022):
+        bundle = desk / f"bundle-{year}"
+        shutil.copytree(ROOT / "examples" / "pontius", bundle)
+        header = bundle / "recording.toml"
+        header.write_text(f"started = {year}-03-01T00:00:00Z\n{header.read_text()}\n[item]\nserial = 'LC-7'\n")
+        _run("import", str(bundle), "--store", str(desk / f"{year}.rig.sqlite"))
+    (desk / "text.rig.sqlite").write_text("no store")
+    found = _run("history", str(desk))
+    (item,) = found["items"]
+    quantity = item["quantities"][0]
+
+    def said(marker: str) -> dict[str, str]:
+        rows = _rows(_doc("commands.md"), f"json: {marker}")
+        return {cell: row[1] for row in rows for cell in re.findall(r"`(\w+)`", row[0])}
+
+    def inside(text: str) -> set[str]:
+        return set(re.findall(r"`(\w+)`", text)) - {"null", "mean", "drift", "spread"}
+
+    assert set(said("history")) == set(found)
+    assert inside(said("history")["not_listed"]) == set(found["not_listed"][0])
+    of_item, of_quantity = said("history items"), said("history quantities")
+    assert set(of_item) == set(item)
+    assert inside(of_item["calibrations"]) == set(item["calibrations"][0])
+    assert set(of_quantity) == set(quantity)
+    assert inside(of_quantity["values"]) == set(quantity["values"][0])
+    assert inside(of_quantity["drift"]) == set(quantity["drift"])
+    assert inside(of_quantity["consistency"]) == {*quantity["consistency"], *quantity["consistency"]["former"]}
 
 
 def _json_keys_said(command: str) -> set[str]:

@@ -49,6 +49,8 @@ class Source:
     """One source of uncertainty: its `covariance` (m, m) of the quantities, and the degrees of freedom behind it.
 
     `input` is the input quantity's own standard uncertainty with its unit, in words; `origin` says where it is from.
+    `common` is whether another calibration with the same equipment would have the same error; by default what is of
+    type B would.
     """
 
     name: str
@@ -57,6 +59,12 @@ class Source:
     dof: float = np.inf
     input: str = ""
     origin: str = ""
+    common: bool | None = None
+
+    @property
+    def in_common(self) -> bool:
+        """Whether another calibration with the same equipment would have the same error."""
+        return self.type == "B" if self.common is None else self.common
 
     @property
     def standard_uncertainty(self) -> FloatArray:

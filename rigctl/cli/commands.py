@@ -21,6 +21,7 @@ MODULES = {
     "results": ("result",),
     "report": ("report",),
     "certificate": ("certificate", "verify"),
+    "history": ("history",),
     "noise": ("noise",),
     "workbench": ("compare", "diagnose", "fit"),
     "model": ("model",),

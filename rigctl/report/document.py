@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 from rigctl.campaign.status import repeats_in
 from rigctl.campaign.store.store import Store
-from rigctl.core.errors import UNFIT, ConfigError, DataError
+from rigctl.core.errors import UNFIT, ConfigError
 from rigctl.core.experiments import of_readings
 from rigctl.report import html
 from rigctl.report.drawn import Drawn, drawing_of
@@ -73,8 +72,8 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
 
     The page is there whole or not at all. Raises `DataError` when it cannot be written.
     """
-    if out is not None and not out.parent.is_dir():
-        raise DataError(f"{out}: cannot be written: there is no directory {out.parent}; make it first")
+    if out is not None:
+        html.require_directory(out)
     # A study has no runs to compare and diagnose, but a result to show.
     drawn = _without_runs(bench)
     if drawn is None:
@@ -84,15 +83,7 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
         plates, left_out, text = list(drawn.plates), drawn.left_out, study_page(bench.store, drawn) if out else ""
     written = write_plates(plates, left_out, figures) if figures else []
     if out is not None:
-        # Beside the page, so that the replacement is one step of one file system.
-        partial = out.with_name(f".{out.name}.{os.getpid()}")
-        try:
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(out)
-        except OSError as error:
-            raise DataError(f"{out}: cannot be written: {error.strerror or error}; check the directory") from error
-        finally:
-            partial.unlink(missing_ok=True)
+        html.write_page(out, text)
         written = [out, *written]
     return written
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from html import escape
+from pathlib import Path
 from typing import Any
 
+from rigctl.core.errors import DataError
 from rigctl.report.figures.data import Plate, svg_element
 from rigctl.report.tables.result_table import ResultTable
 
@@ -50,6 +53,25 @@ def page(title: str, body: Iterable[str], style: str = "") -> str:
         + "\n".join(body)
         + "\n</body>\n</html>\n"
     )
+
+
+def require_directory(out: Path) -> None:
+    """`DataError` unless there is a directory to write a page into; asked before its contents are worked out."""
+    if not out.parent.is_dir():
+        raise DataError(f"{out}: cannot be written: there is no directory {out.parent}; make it first")
+
+
+def write_page(out: Path, text: str) -> None:
+    """Write a page, whole or not at all; `DataError` when it cannot be written."""
+    # Beside the page, so that the replacement is one step of one file system.
+    partial = out.with_name(f".{out.name}.{os.getpid()}")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(out)
+    except OSError as error:
+        raise DataError(f"{out}: cannot be written: {error.strerror or error}; check the directory") from error
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def heading(text: str, level: int = 2) -> str:

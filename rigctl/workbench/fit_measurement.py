@@ -7,6 +7,7 @@ pool of noise with its own degrees of freedom, and one for priors.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.workbench import Workbench
 
+PRIORS = "what was known beforehand"
 METHOD = "Weighted least squares of the model to all valid data"
 
 _STEP = 0.05
@@ -77,7 +79,8 @@ def parameter_sources(attempt: Attempt) -> list[Source]:
     found = []
     for name, kind, rows, dof, origin in _rows(attempt):
         moved = covariance @ jacobian[rows].T if rows.dtype.kind in "iu" else covariance @ (rows @ jacobian).T
-        found.append(Source(name, kind, moved @ moved.T, dof, origin=origin))
+        # Readings have noise of their own each time, also where its size is stated.
+        found.append(Source(name, kind, moved @ moved.T, dof, origin=origin, common=name == PRIORS))
     return [each for each in found if np.any(each.standard_uncertainty > 0.0)]
 
 
@@ -105,12 +108,11 @@ def _rows(attempt: Attempt) -> Iterator[tuple[str, Any, Any, float, str]]:
         name = f"noise of {pool.name}" if pool.name else "noise of the readings"
         yield name, "B" if stated and np.isinf(dof) else "A", rows if outside is None else outside[rows], dof, origin
     if below:
-        yield "what was known beforehand", "B", np.arange(data, data + below), np.inf, "priors of the model"
+        yield PRIORS, "B", np.arange(data, data + below), np.inf, "priors of the model"
 
 
 def _carried(source: Source, slopes: FloatArray) -> Source:
-    covariance = slopes @ source.covariance @ slopes.T
-    return Source(source.name, source.type, covariance, source.dof, source.input, source.origin)
+    return replace(source, covariance=slopes @ source.covariance @ slopes.T)
 
 
 def _as_reported(result: MeasurementResult, sigmas: FloatArray) -> MeasurementResult:
@@ -118,8 +120,5 @@ def _as_reported(result: MeasurementResult, sigmas: FloatArray) -> MeasurementRe
     here = result.standard_uncertainty
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.where((here > 0.0) & np.isfinite(sigmas), sigmas / here, 1.0)
-    scaled = tuple(
-        Source(each.name, each.type, each.covariance * np.outer(scale, scale), each.dof, each.input, each.origin)
-        for each in result.sources
-    )
+    scaled = tuple(replace(each, covariance=each.covariance * np.outer(scale, scale)) for each in result.sources)
     return MeasurementResult(result.quantities, scaled, result.method, result.remarks)

@@ -68,6 +68,13 @@ def test_a_campaign_is_certified_verified_fitted_further_and_marked(desk: Any) -
     assert spread["value"] == pytest.approx(axis["std_hc_2sigma_arcsec"], rel=1e-9)
     assert spread["conformity"]["limits"]["upper"] == axis["requirement_arcsec"]
     assert content["item"]["serial"] == "FM-1"
+    listed = desk.rigctl("history", desk.directory, "--json").json["items"]
+    assert [(each["serial"], each["simulated"]) for each in listed] == [("FM-1", True)]
+    for each in listed[0]["quantities"]:
+        assert each["values"][0]["value"] == quantities[each["name"]]["value"]
+        assert each["values"][0]["standard_uncertainty"] == pytest.approx(
+            quantities[each["name"]]["standard_uncertainty"], rel=1e-12
+        )
     length = sum(quantities[f"axis X, {component}"]["value"] ** 2 for component in "xyz")
     assert length == pytest.approx(1.0, rel=1e-12)
     parts = [each["standard_uncertainty"][1] ** 2 for each in content["budget"]]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -108,4 +109,4 @@ def _widened(source: Source, slopes: FloatArray, count: int) -> Source:
     covariance = np.zeros((count, count))
     rows = len(slopes)
     covariance[:rows, :rows] = slopes @ source.covariance @ slopes.T
-    return Source(source.name, source.type, covariance, source.dof, source.input, source.origin)
+    return replace(source, covariance=covariance)
