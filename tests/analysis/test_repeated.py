@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from rigctl.analysis.repeated import (
+    DRIFT_LEVEL,
     LEVEL,
     Consistency,
     Drift,
@@ -72,8 +73,13 @@ def test_a_drift_that_is_there_is_found_with_its_size_and_is_no_alarm() -> None:
     pulls = [(each.value - 1.0) / each.standard_uncertainty for each in found]
     assert abs(np.mean(pulls)) < 4.0 / len(drawn) ** 0.5
     assert 0.9 < np.std(pulls) < 1.25
-    alarms = sum(consistency(each).p_value < LEVEL for each in drawn if _slope_of(each.former).slope.p_value < 1e-3)
-    assert alarms <= stats.binom.isf(SURELY, len(drawn), 1.5 * LEVEL)
+    for each in drawn:
+        certain = _slope_of(each.former).slope.p_value < DRIFT_LEVEL
+        assert consistency(each).model == ("drift" if certain else "mean")
+    followed = [tested for tested in map(consistency, drawn) if tested.model == "drift"]
+    assert len(followed) > 0.5 * len(drawn)
+    alarms = sum(tested.p_value < LEVEL for tested in followed)
+    assert alarms <= stats.binom.isf(SURELY, len(followed), 1.5 * LEVEL)
 
 
 def test_a_jump_of_the_newest_is_found_beside_a_larger_error_that_all_share() -> None:
@@ -118,6 +124,15 @@ def test_former_calibrations_are_compared_by_welchs_analysis_of_variance() -> No
     former = consistency(values).former
     assert former.p_value == pytest.approx(stats.f.sf(f, 3, 15.0 / (3.0 * inner)), rel=1e-9)
     assert former.birge_ratio == pytest.approx(spread**0.5, rel=1e-9)
+
+
+def test_weights_that_are_estimates_make_a_mean_less_certain() -> None:
+    u, dof = np.array([0.3, 0.4, 0.2]), np.array([5.0, 9.0, 7.0])
+    values = Repeated(np.zeros(4), np.zeros(4), np.append(u, 0.3), np.append(dof, 8.0), np.zeros((4, 0)))
+    # Meier 1953, Biometrics 9, 59: the variance of a mean with estimated weights.
+    share = u**-2.0 / (u**-2.0).sum()
+    of_mean = (1.0 + 4.0 * (share * (1.0 - share) / dof).sum()) / (u**-2.0).sum()
+    assert consistency(values).difference.standard_uncertainty == pytest.approx((0.09 + of_mean) ** 0.5, rel=1e-12)
 
 
 def test_former_calibrations_that_disagree_widen_the_uncertainty() -> None:
