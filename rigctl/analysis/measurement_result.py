@@ -33,7 +33,8 @@ class Limits:
 class Quantity:
     """One quantity of a result: a name, `value` in `unit` ("" and "1" for none), and `limits` where there are some.
 
-    Quantities of one `group` belong together, such as the components of a direction.
+    Quantities of one `group` belong together, such as the components of a direction. A magnitude and the phase that
+    follows it name the `complex` quantity that they are.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Quantity:
     kind: Kind = "mean"
     group: str = ""
     limits: Limits | None = None
+    complex: str = ""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import hashlib
 import importlib.metadata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from rigctl.campaign.status import status_in
 from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.certificate.basis import Basis, basis_of
-from rigctl.certificate.equipment import Instrument, instruments_of, recorded_conditions
+from rigctl.certificate.equipment import Instrument, as_range, instruments_of, recorded_conditions
 from rigctl.certificate.excluded import Excluded, excluded_of
 from rigctl.certificate.model_in_force import model_in_force
 from rigctl.core.errors import ConfigError, DataError
@@ -77,19 +78,21 @@ def certificate_of(
     basis = basis_of(store, bench.current)
     equipment = instruments_of(store)
     quantities = _quantities(result, details)
+    recorded, dates = recorded_conditions(store), _dates(store, details)
     content = {
         "format": FORMAT,
         "number": details.number or _number(basis, issued),
         "issued": issued,
         "signed": None,
         "software": {"name": "rigctl", "version": importlib.metadata.version("rigctl")},
-        "title": store.header.title or store.path.name,
+        "title": store.header.title.strip() or store.path.name,
         "experiment": store.header.experiment,
         "simulated": store.header.world_sha256 is not None,
         **_administration(details),
-        "dates": _dates(store, details),
+        "dates": dates,
         "method": details.method or result.method,
-        "conditions": {**recorded_conditions(store), **details.conditions},
+        "conditions": {**{name: as_range(*ends) for name, ends in recorded.items()}, **details.conditions},
+        "recorded": {name: list(ends) for name, ends in recorded.items() if name not in details.conditions},
         "constants": dict(store.header.constants),
         "instruments": [asdict(each) for each in equipment],
         "quantities": quantities,
@@ -100,7 +103,7 @@ def certificate_of(
         "traceability": details.traceability,
         "warnings": _warnings(store, state, model["inadequate"] if result.of_model else "", equipment, excluded),
         "remarks": [*result.remarks, *details.remarks],
-        "not_stated": _not_stated(details),
+        "not_stated": _not_stated(details, dates),
         "details_sha256": hashlib.sha256(details.text.encode()).hexdigest() if details.text else None,
         "basis": basis.as_json(),
         "basis_sha256": basis.sha256,
@@ -149,13 +152,16 @@ def _administration(details: CertificateDetails) -> dict[str, Any]:
 def _dates(store: Store, details: CertificateDetails) -> dict[str, str | None]:
     """Days of reception and of calibration; a bundle does not always say when it was measured."""
     ended = store.last_event(RUN_ENDED)
-    began = store.header.started[:10] or None
-    received = details.item.received
+    began = store.header.started[:10] or _day(details.began)
     return {
-        "received": None if received is None else received.isoformat(),
+        "received": _day(details.item.received),
         "began": began,
-        "ended": ended.time[:10] if ended is not None else began,
+        "ended": ended.time[:10] if ended is not None else _day(details.ended) or began,
     }
+
+
+def _day(day: date | None) -> str | None:
+    return None if day is None else day.isoformat()
 
 
 def _quantities(result: MeasurementResult, details: CertificateDetails) -> list[dict[str, Any]]:
@@ -177,6 +183,7 @@ def _quantities(result: MeasurementResult, details: CertificateDetails) -> list[
                 "name": each.name,
                 "group": each.group,
                 "kind": each.kind,
+                "complex": each.complex,
                 "unit": details.units.get(each.name, each.unit),
                 "value": each.value,
                 "standard_uncertainty": float(u[place]),
@@ -244,7 +251,7 @@ def _warnings(
     return found
 
 
-def _not_stated(details: CertificateDetails) -> list[str]:
+def _not_stated(details: CertificateDetails, dates: Mapping[str, str | None]) -> list[str]:
     """What ISO/IEC 17025 asks for and nobody has said, with its clause."""
     asked = {
         "laboratory (7.8.2.1 b)": details.laboratory.name,
@@ -252,6 +259,7 @@ def _not_stated(details: CertificateDetails) -> list[str]:
         "customer (7.8.2.1 e)": details.customer.name,
         "calibrated item (7.8.2.1 g)": details.item.name,
         "serial number of the item (7.8.2.1 g)": details.item.serial,
+        "date of the calibration (7.8.2.1 i)": dates["began"],
         "who authorises it (7.8.2.1 o)": details.persons,
         "traceability (7.8.4.1 c)": details.traceability,
     }

@@ -51,8 +51,8 @@ def certificates_of(store: Store) -> dict[str, Certificate]:
     return {name: Certificate.model_validate(each) for name, each in given.items()} if isinstance(given, dict) else {}
 
 
-def recorded_conditions(store: Store) -> dict[str, str]:
-    """The range of what valid runs recorded of their environment, by column."""
+def recorded_conditions(store: Store) -> dict[str, tuple[float, float]]:
+    """The smallest and the largest of what valid runs recorded of their environment, by column."""
     ranges: dict[str, tuple[float, float]] = {}
     for run in store.runs(valid_only=True):
         for name, value in run.conditions.items():
@@ -60,7 +60,12 @@ def recorded_conditions(store: Store) -> dict[str, str]:
             if name.startswith(AMBIENT) and type(value) in (int, float) and value == value:
                 low, high = ranges.get(name, (value, value))
                 ranges[name] = (min(low, value), max(high, value))
-    return {name: f"{low:g}" if low == high else f"{low:g} to {high:g}" for name, (low, high) in ranges.items()}
+    return ranges
+
+
+def as_range(low: float, high: float) -> str:
+    """Two ends as a page shows them."""
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
 def _roles(store: Store) -> dict[str, str]:

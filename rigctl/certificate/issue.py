@@ -10,6 +10,7 @@ from typing import Any
 
 from rigctl.certificate import page, pdf, sealed
 from rigctl.certificate.content import FORMAT, Certificate
+from rigctl.certificate.dcc import document
 from rigctl.certificate.sections import Content
 from rigctl.core.errors import ConfigError, DataError
 
@@ -19,7 +20,7 @@ def _html(content: Content) -> bytes:
     return text.replace("</body>", f"<!-- {sealed.place()} -->\n</body>").encode()
 
 
-FORMS: Mapping[str, Callable[[Content], bytes]] = {".html": _html, ".pdf": pdf.pdf}
+FORMS: Mapping[str, Callable[[Content], bytes]] = {".html": _html, ".pdf": pdf.pdf, ".xml": document.dcc}
 """By suffix, what makes a file of a certificate's content."""
 
 
@@ -27,7 +28,7 @@ def form_of(out: Path) -> str:
     """The suffix of a file that can be written; `ConfigError` for another one, and for a PDF without a browser."""
     suffix = out.suffix.lower()
     if suffix not in FORMS:
-        raise ConfigError(f"{out}: certificates are written as {' or '.join(FORMS)} only; give the file such a name")
+        raise ConfigError(f"{out}: certificates are written as {', '.join(FORMS)} only; give the file such a name")
     if suffix == ".pdf":
         pdf.browser()
     return suffix
@@ -54,7 +55,7 @@ def read(path: Path) -> tuple[Mapping[str, Any], bool]:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}; check the name") from error
     unchanged = sealed.intact(data)
     try:
-        content = pdf.data_of(data) if data.startswith(b"%PDF") else page.data_of(data.decode("utf-8"))
+        content = _data_of(data)
     except (ValueError, json.JSONDecodeError) as error:
         raise DataError(
             f"{path}: no certificate of this program: {error}; name a file of `rigctl certificate`"
@@ -62,3 +63,10 @@ def read(path: Path) -> tuple[Mapping[str, Any], bool]:
     if unchanged is None or not isinstance(content, dict) or content.get("format") != FORMAT:
         raise DataError(f"{path}: no certificate of this program ({FORMAT}); name a file of `rigctl certificate`")
     return content, unchanged
+
+
+def _data_of(data: bytes) -> Any:
+    if data.startswith(b"%PDF"):
+        return pdf.data_of(data)
+    text = data.decode("utf-8")
+    return document.data_of(text) if text.startswith("<?xml") else page.data_of(text)

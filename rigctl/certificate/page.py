@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from rigctl.certificate.sections import Content, Section, heading, sections, signature_lines
+from rigctl.certificate.sections import UNSIGNED, Content, Section, heading, sections, signature_lines
 from rigctl.report import html
 from rigctl.report.tables.result_table import ResultTable
 
@@ -19,7 +19,7 @@ def page(content: Content) -> str:
     """The certificate, its data in it."""
     body = [
         html.heading(heading(content), 1),
-        html.paragraph("UNSIGNED: not valid until it is signed.", "verdict"),
+        html.paragraph(UNSIGNED, "verdict"),
         *(html.paragraph(warning, "verdict") for warning in content["warnings"]),
         *(piece for each in sections(content) for piece in _section(each)),
         html.heading("Signatures"),

@@ -16,6 +16,16 @@ from rigctl.report.tables.result_table import ResultTable
 
 Content = Mapping[str, Any]
 NOT_STATED = "not stated"
+UNSIGNED = "UNSIGNED: not valid until it is signed."
+COVERAGE = (
+    "U is the expanded uncertainty for a coverage probability of about 95 %: the standard uncertainty times the "
+    "coverage factor k of the t distribution with the effective degrees of freedom (JCGM 100, G.4). An interval "
+    "in brackets is probabilistically symmetric for 95 %."
+)
+RELATES = (
+    "The results relate to the calibrated item alone, in the state and under the conditions stated. This "
+    "certificate may be reproduced in full only, unless the laboratory agrees in writing."
+)
 ACROSS = 4
 """Columns of numbers that a page of paper has room for beside the names."""
 
@@ -105,11 +115,7 @@ def _results(content: Content) -> Iterator[str | ResultTable]:
     ]
     columns = ["quantity", "#value", "#U or interval", "#k", "#degrees of freedom", "unit"]
     yield ResultTable("Results", columns, rows)
-    yield (
-        "U is the expanded uncertainty for a coverage probability of about 95 %: the standard uncertainty times the "
-        "coverage factor k of the t distribution with the effective degrees of freedom (JCGM 100, G.4). An interval "
-        "in brackets is probabilistically symmetric for 95 %."
-    )
+    yield COVERAGE
 
 
 def rounded(quantity: Mapping[str, Any]) -> tuple[str, str]:
@@ -159,23 +165,32 @@ def _conformity(content: Content) -> Iterator[str | ResultTable]:
         )
     columns = ["quantity", "#requirement", "#accepted", "verdict", "#P(conforms)", "#P(wrong)"]
     yield ResultTable("Conformity", columns, rows, [each["conformity"]["verdict"] != "pass" for each in decided])
-    rule, risk = decided[0]["conformity"]["rule"], decided[0]["conformity"]["largest_risk"]
-    if rule == "guard band":
-        yield (
-            f"Decision rule (JCGM 106): guard band. It passes where it fails to conform with a probability of "
-            f"{share(risk)} at most, fails where it conforms with no more than that, and is undecided between. "
-            "Probabilities are those of the quantity's state of knowledge: t with the effective degrees of freedom, "
-            "chi-square for a spread. P(wrong) is the probability of false acceptance of what passed, or of false "
-            "rejection of what failed."
-        )
-    else:
-        yield (
-            "Decision rule (JCGM 106, 8.2): simple acceptance, the measured value within the requirement, "
-            "whatever its uncertainty. P(wrong) is the probability of false acceptance, or of false rejection."
-        )
+    yield from decision_rules(content)
     sources = dict.fromkeys(filter(None, (each["conformity"]["limits"]["source"] for each in decided)))
     if sources:
         yield f"Requirements: {'; '.join(sources)}."
+
+
+def decision_rules(content: Content) -> list[str]:
+    """The rules by which it was decided, in words; one rule in all certificates of this program."""
+    decided = (each["conformity"] for each in content["quantities"] if each["conformity"])
+    return list(dict.fromkeys(map(decision_rule, decided)))
+
+
+def decision_rule(decided: Mapping[str, Any]) -> str:
+    """The rule of one decision in words."""
+    if decided["rule"] == "guard band":
+        return (
+            f"Decision rule (JCGM 106): guard band. It passes where it fails to conform with a probability of "
+            f"{share(decided['largest_risk'])} at most, fails where it conforms with no more than that, and is "
+            "undecided between. Probabilities are those of the quantity's state of knowledge: t with the effective "
+            "degrees of freedom, chi-square for a spread. P(wrong) is the probability of false acceptance of what "
+            "passed, or of false rejection of what failed."
+        )
+    return (
+        "Decision rule (JCGM 106, 8.2): simple acceptance, the measured value within the requirement, "
+        "whatever its uncertainty. P(wrong) is the probability of false acceptance, or of false rejection."
+    )
 
 
 def _between(limits: Mapping[str, Any]) -> str:
@@ -299,16 +314,18 @@ def _excluded(content: Content) -> Iterator[str | ResultTable]:
 
 
 def _remarks(content: Content) -> Iterator[str | Sequence[str]]:
-    if content["traceability"]:
-        yield content["traceability"]
-    if content["remarks"]:
-        yield list(content["remarks"])
-    if content["not_stated"]:
-        yield f"Asked for by ISO/IEC 17025:2017 and not stated: {', '.join(content['not_stated'])}."
-    yield (
-        "The results relate to the calibrated item alone, in the state and under the conditions stated. This "
-        "certificate may be reproduced in full only, unless the laboratory agrees in writing."
-    )
+    traceability, remarks, rest = remarks_of(content)
+    yield from traceability
+    if remarks:
+        yield remarks
+    yield from rest
+
+
+def remarks_of(content: Content) -> tuple[list[str], list[str], list[str]]:
+    """Traceability, the remarks, and what closes them: what is not stated, and what the results relate to."""
+    not_stated = f"Asked for by ISO/IEC 17025:2017 and not stated: {', '.join(content['not_stated'])}."
+    traceability = list(filter(None, [content["traceability"]]))
+    return traceability, list(content["remarks"]), [not_stated, RELATES] if content["not_stated"] else [RELATES]
 
 
 def _basis(content: Content) -> Iterator[str | ResultTable]:

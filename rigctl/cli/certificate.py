@@ -24,7 +24,7 @@ app = typer.Typer(add_completion=False)
 @app.command()
 def certificate(
     store: StoreFile,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Written as .html or .pdf.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Written as .html, .pdf or .xml.")],
     details: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Laboratory, customer, item, requirements.")
     ] = None,

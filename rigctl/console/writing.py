@@ -23,7 +23,7 @@ class Written:
 KINDS = {
     "report": Written("everything in one HTML file", ".html", "look"),
     "figures": Written("a directory with an SVG and a CSV of each figure", "-figures"),
-    "certificate": Written("a calibration certificate, HTML or PDF", "-certificate.html", "look"),
+    "certificate": Written("a calibration certificate, HTML, PDF or XML", "-certificate.html", "look"),
     "bundle": Written("a directory of plain files, for others to import", "-bundle"),
     "campaign": Written("what to measure next, ready to be started", "-next.toml", "open"),
     "draft": Written("a plug-in of what no known effect describes", "_effect.py", "open"),

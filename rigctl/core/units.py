@@ -80,7 +80,7 @@ def unit_of_column(name: str) -> str:
 
 def known_unit(text: object) -> bool:
     """Whether a text is a unit: symbols with powers, a space or * between factors, / before divisors, brackets."""
-    powers = _powers(text) if isinstance(text, str) else None
+    powers = factors(text) if isinstance(text, str) else None
     return bool(powers) and all(_is_symbol(symbol) for symbol in powers or ())
 
 
@@ -107,23 +107,23 @@ def ratio(above: str, below: str) -> str:
     return f"{above}/({below})" if "/" in below and not below.startswith("(") else f"{above}/{below}"
 
 
-def _is_symbol(word: str) -> bool:
-    return word in _OTHER or any(word.startswith(p) and word[len(p) :] in _BASE for p in _PREFIXES)
-
-
-def _canonical(unit: str) -> object:
-    text = unit.strip().lower()
-    powers = _powers(_SPELLINGS.get(text, text))
-    return text if powers is None else {_SPELLINGS.get(symbol, symbol): power for symbol, power in powers.items()}
-
-
-def _powers(text: str) -> dict[str, int] | None:
+def factors(text: str) -> dict[str, int] | None:
     """Of each symbol: m 1, s -2 for m/s2, m s-2 and m/s^2; None where a text is no product of symbols."""
     text = text.replace("**", "^").translate(_PLAIN)
     # What is left when all parts are taken out is no unit.
     if len(text) > _CHARACTERS_MAX or _PART.sub("", text) or text.count("(") != text.count(")"):
         return None
     return _product(_PART.finditer(text))[0]
+
+
+def _is_symbol(word: str) -> bool:
+    return word in _OTHER or any(word.startswith(p) and word[len(p) :] in _BASE for p in _PREFIXES)
+
+
+def _canonical(unit: str) -> object:
+    text = unit.strip().lower()
+    powers = factors(_SPELLINGS.get(text, text))
+    return text if powers is None else {_SPELLINGS.get(symbol, symbol): power for symbol, power in powers.items()}
 
 
 def _product(parts: Iterator[re.Match[str]]) -> tuple[dict[str, int], int]:

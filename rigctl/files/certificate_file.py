@@ -5,6 +5,7 @@ The clauses are those of ISO/IEC 17025:2017. Nothing is made up: what is not sta
 
 from __future__ import annotations
 
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -60,13 +61,15 @@ class Requirement(Table):
 
 
 class CertificateDetails(Table):
-    """A file for `rigctl certificate --details`, checked."""
+    """A file for `rigctl certificate --details`, checked; `began` and `ended` for stores that do not know."""
 
     path: Path | None = None
     text: str = ""
     number: Line = ""
     place: Line = ""
     method: Line = ""
+    began: date | None = None
+    ended: date | None = None
     traceability: Line = ""
     laboratory: Party = Party()
     customer: Party = Party()
@@ -77,6 +80,12 @@ class CertificateDetails(Table):
     requirements: tuple[Requirement, ...] = ()
     units: dict[str, Line] = {}
     remarks: tuple[Line, ...] = ()
+
+    @model_validator(mode="after")
+    def _forward(self) -> CertificateDetails:
+        if self.began is not None and self.ended is not None and self.ended < self.began:
+            raise ValueError("ended has to be on the day it began, or later")
+        return self
 
 
 def read_details(path: Path) -> CertificateDetails:

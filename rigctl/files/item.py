@@ -5,11 +5,11 @@ from __future__ import annotations
 from datetime import date
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from rigctl.core.file_tables import Table
 
-Line = Annotated[str, Field(max_length=2000)]
+Line = Annotated[str, StringConstraints(max_length=2000, strip_whitespace=True)]
 
 
 class Item(Table):

@@ -175,8 +175,8 @@ def test_a_changed_certificate_is_refused(table: Any) -> None:
 
 
 def test_another_form_is_refused_before_any_work(table: Any) -> None:
-    out = table.directory / "t.xml"
-    table.rigctl("certificate", table.store, "--out", out).refused(2, out.name, ".html or .pdf only")
+    out = table.directory / "t.docx"
+    table.rigctl("certificate", table.store, "--out", out).refused(2, out.name, ".html, .pdf, .xml only")
     assert not out.exists()
 
 

@@ -12,8 +12,9 @@ def sensitivities_measured(result: ResponseResult) -> MeasurementResult:
     """Magnitude and phase at each frequency; `ProcedureError` where there is none."""
     names = {row.frequency_hz: f"{row.frequency_hz:g} Hz" for row in result.frequencies}
     quantities = tuple(
-        Quantity(f"sensitivity at {names[row.frequency_hz]}, {output.removesuffix('_deg')}", float(value), unit)
+        Quantity(f"{name}, {output.removesuffix('_deg')}", float(value), unit, complex=name)
         for row in result.frequencies
+        for name in [f"sensitivity at {names[row.frequency_hz]}"]
         for output, unit, value in zip(OUTPUTS, UNITS, row.budget.values, strict=True)
     )
     sources = common_sources(
