@@ -32,6 +32,9 @@ ACROSS = 4
 DIGITS = 2
 """Significant digits of an uncertainty (GUM, 7.2.6)."""
 
+_ROUNDING = 1e-12
+"""Parts of a combined uncertainty that are what rounding leaves of none."""
+
 _INFINITE = 1e6
 """Degrees of freedom that make no difference to infinitely many."""
 
@@ -217,9 +220,11 @@ def _batched(members: Iterator[int], count: int) -> Iterator[tuple[int, ...]]:
 
 def _budget_table(quantities: Sequence[Content], sources: Sequence[Content], places: Sequence[int]) -> ResultTable:
     rows = []
+    combined = [quantities[place]["standard_uncertainty"] for place in places]
     for source in sources:
         parts = [source["standard_uncertainty"][place] for place in places]
-        if any(parts):
+        shown = [_part(part, whole) for part, whole in zip(parts, combined, strict=True)]
+        if any(part != "0" for part in shown):
             rows.append(
                 [
                     source["name"],
@@ -227,18 +232,18 @@ def _budget_table(quantities: Sequence[Content], sources: Sequence[Content], pla
                     source["input"],
                     _dof(source["dof"]),
                     source["origin"],
-                    *(_part(part) for part in parts),
+                    *shown,
                 ]
             )
-    rows.append(["combined", "", "", "", "", *(_part(quantities[place]["standard_uncertainty"]) for place in places)])
+    rows.append(["combined", "", "", "", "", *(_part(whole, whole) for whole in combined)])
     heads = [f"#{quantities[place]['name']} / {_unit(quantities[place]['unit'])}" for place in places]
     marked = [False] * (len(rows) - 1) + [True]
     columns = ["source", "type", "input u", "#dof", "from", *heads]
     return ResultTable("", columns, rows, marked)
 
 
-def _part(value: float) -> str:
-    return f"{value:.2g}" if value else "0"
+def _part(value: float, combined: float) -> str:
+    return f"{value:.2g}" if value > _ROUNDING * combined else "0"
 
 
 def _equipment(content: Content) -> Iterator[str | ResultTable]:

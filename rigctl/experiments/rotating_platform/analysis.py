@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.kept import Progress
-from rigctl.analysis.measurement_result import MeasurementResult, Quantity, checked, sources_of
+from rigctl.analysis.measurement_result import MeasurementResult, Quantity, checked
 from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
@@ -64,7 +64,7 @@ def measurement_result(workbench: Workbench) -> MeasurementResult:
         f"Budget: {told.check.reason}.",
         f"No modulation shows these effects: {', '.join(NOT_TESTED)}.",
     )
-    return checked(MeasurementResult(quantities, tuple(sources_of(first)), METHOD, remarks))
+    return checked(MeasurementResult(quantities, tuple(told.sources), METHOD, remarks))
 
 
 def analyse(workbench: Workbench) -> PlatformResult:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.budget import Budget, Comparison, Contribution, Measurement, budget, compare, monte_carlo
+from rigctl.analysis.measurement_result import Source, sources_of
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, Chains
 from rigctl.experiments.rotating_platform.result.alignment import MeanBias, wobble_of
@@ -25,6 +26,7 @@ SENSORS: Mapping[str, str] = {"a": "z", "b": "y"}
 
 _DRAWS = 2000
 _FITTED = ("tilt_gain", "accel_z", "accel_y")
+_NOISE, _OF_ALL_RUNS = "noise of the fit", "fit of all runs"
 _ZERO, _HALF_TURN, _GRAVITY = "zero of the platform", "half a turn", "gravity"
 
 
@@ -39,6 +41,15 @@ class PlatformBudget:
     def covariance(self) -> FloatArray:
         """Of the outputs, in their order: what they have in common correlates them."""
         return np.asarray(self.first.components @ self.first.components.T)
+
+    @property
+    def sources(self) -> list[Source]:
+        """What the outputs are uncertain by; the fit's noise is one source, in whatever directions it is divided."""
+        every = sources_of(self.first)
+        fitted = [each for each in every if each.name in _directions()]
+        noise = np.asarray(sum(each.covariance for each in fitted))
+        others = [each for each in every if each.name not in _directions()]
+        return [Source(_NOISE, "A", noise, fitted[0].dof, origin=_OF_ALL_RUNS), *others]
 
     def as_json(self) -> dict[str, Any]:
         """Within `rigctl result --json`."""
@@ -57,7 +68,7 @@ class PlatformBudget:
         """The fit's noise: its directions are independent only taken together."""
         directions = [each.name in _directions() for each in self.first.contributions]
         u = np.linalg.norm(self.first.components[:, directions], axis=1)
-        return {"name": "noise of the fit", "type": "A", "input": "", "source": "fit of all runs", "u": u.tolist()}
+        return {"name": _NOISE, "type": "A", "input": "", "source": _OF_ALL_RUNS, "u": u.tolist()}
 
     def _other_rows(self) -> list[dict[str, Any]]:
         return [
