@@ -40,6 +40,7 @@ class Account:
     known: KnownNoise | None
     start: Mapping[str, float]
     _searches: dict[str, Search] = field(default_factory=dict, repr=False, compare=False)
+    _plain: dict[str, Attempt] = field(default_factory=dict, repr=False, compare=False)
 
     def attempt(
         self,
@@ -48,8 +49,14 @@ class Account:
         start: Mapping[str, float] | None = None,
         held: frozenset[str] = frozenset(),
     ) -> Attempt:
-        """A model judged by this noise; `held` parameters stay at zero."""
-        return Attempt(study, terms, start=start, known=self.known, held=held)
+        """A model judged by this noise; `held` parameters stay at zero. One that starts where its study says is made
+        once: a search begins with it, and its scores and trials are those that a comparison asks for."""
+        if start or held or study is not self.richest.study:
+            return Attempt(study, terms, start=start, known=self.known, held=held)
+        key = json.dumps([term.as_json() for term in terms], sort_keys=True)
+        if key not in self._plain:
+            self._plain[key] = Attempt(study, terms, known=self.known)
+        return self._plain[key]
 
     def search(
         self,
@@ -115,7 +122,7 @@ def _searched(study: Study, joint: Sequence[Term], seed: int, progress: Callable
     search.run()
     account, sets = _recallable(study, joint, search.found, search, seed), [search.found]
     for _ in range(ROUNDS):
-        again = account.search(study, joint, seed=seed, progress=progress)
+        again = account.search(study, joint, seed=seed, progress=progress, fitted=account.attempt(study, joint))
         # What is not needed beside the others is no part of the account, unless without it it is found again.
         if again.found == sets[-1] or (account.covers(again.found) and again.found in sets):
             break
