@@ -151,6 +151,20 @@ def bundle(names: Names, printed: str) -> None:
     assert Path("notebook-bundle/runs.csv").is_file()
 
 
+def scanned(names: Names, printed: str) -> None:
+    volts = [float(line.split()[2]) for line in printed.splitlines()]
+    assert volts == pytest.approx([2.11 * abs(sin) for sin in (0.866, 0.5, 0.0, 0.5, 0.866)], abs=0.03)
+
+
+def streamed(names: Names, printed: str) -> None:
+    first, *_, last = printed.splitlines()
+    assert first.startswith("stream runs with ")
+    assert last.startswith("success {'runs")
+    events = names["document"]["num_events"]
+    assert sum(count for name, count in events.items() if name.startswith("runs")) == 18
+    assert printed.count(" True\n") == 18
+
+
 PROMISES: dict[str, Callable[[Names, str], None]] = {
     "A rig by hand 1": rig,
     "A campaign 1": campaign,
@@ -164,6 +178,8 @@ PROMISES: dict[str, Callable[[Names, str], None]] = {
     "Nulls, observables, budget 1": nulls,
     "Nulls, observables, budget 2": figures,
     "Bundles 1": bundle,
+    "Bluesky 1": scanned,
+    "Bluesky 2": streamed,
 }
 
 

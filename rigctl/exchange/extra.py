@@ -7,12 +7,13 @@ from typing import Any
 
 from rigctl.core.errors import ConfigError
 
-EXTRA = "notebook"
+NOTEBOOK, BLUESKY = "notebook", "bluesky"
+"""The extras of `pip install 'rigctl[EXTRA]'`."""
 
 
-def needed(package: str) -> Any:
+def needed(package: str, extra: str = NOTEBOOK) -> Any:
     """The package imported; `ConfigError`, how to install it, where it is not there."""
     try:
         return importlib.import_module(package)
     except ImportError as error:
-        raise ConfigError(f"{package} is not installed; pip install 'rigctl[{EXTRA}]' brings it") from error
+        raise ConfigError(f"{package} is not installed; pip install 'rigctl[{extra}]' brings it") from error
