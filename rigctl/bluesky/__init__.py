@@ -11,7 +11,7 @@ from rigctl.exchange.extra import BLUESKY, needed
 
 needed("bluesky", BLUESKY)
 
-from rigctl.bluesky.campaign_documents import documents  # noqa: E402
-from rigctl.bluesky.devices import devices_of  # noqa: E402 - after the one line that says what is missing
+from rigctl.bluesky.campaign_documents import documents  # noqa: E402 - after the line that says what is missing
+from rigctl.bluesky.devices import devices_of  # noqa: E402
 
 __all__ = ["devices_of", "documents"]

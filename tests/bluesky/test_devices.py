@@ -24,7 +24,7 @@ from bluesky.utils import FailedStatus, RunEngineInterrupted
 
 import rigctl.bluesky
 from rigctl.bluesky import devices_of
-from rigctl.core.errors import ConfigError, InstrumentError, LimitError, LinkError, MotionStopped, RigError
+from rigctl.core.errors import ConfigError, InstrumentError, LimitError, LinkError, LinkLost, MotionStopped, RigError
 from rigctl.files.rig_file import parse_rig
 from rigctl.rig import Rig
 
@@ -187,6 +187,25 @@ def test_a_stage_that_is_lost_fails_the_plan_with_its_line_and_the_other_rests(
         assert isinstance(failed.value.__cause__, LinkError)
         assert not rig.only("linear").is_moving()
         assert rig.clock.now_s() > 30.0
+
+
+def test_what_fails_brings_the_rest_of_the_rig_to_rest(
+    turning: tuple[Rig, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, devices = turning
+    turned = devices["rotation"].set(160.0)
+    until_moving(rig)
+
+    def lost(samples: int, period_s: float) -> float:
+        raise LinkLost("accelerometer: gone")
+
+    monkeypatch.setattr(rig.only("readout"), "start", lost)
+    record = devices["accelerometer"].trigger()
+    assert str(record.exception(10.0)) == "accelerometer: gone"
+    # Its own failure is not told beside the one that had it stopped.
+    assert turned.exception(10.0) is None
+    assert rig.moving() == ()
+    assert rig.only("rotation").angle().value < 150.0
 
 
 @pytest.fixture
