@@ -49,7 +49,7 @@ imports: setup
 # By files: what the tests of a file share, a measured campaign for example, is made once and not by each worker.
 # Three workers on two cores: tests of the console and of served instruments wait as often as they work.
 pytest: setup
-	$(BIN)/pytest -n 3 --dist loadfile
+	$(BIN)/pytest -n 3 --dist loadfile --durations 40 --durations-min 10
 
 # Recordings from elsewhere, the slow ones too: tests/foreign/README.md.
 foreign: setup

@@ -29,7 +29,6 @@ def cases(
             marks = [pytest.mark.xfail(strict=True, reason=reason)] if reason else []
             if name in slow and "RIGCTL_FOREIGN" not in os.environ:
                 marks = [pytest.mark.skip(reason="slow: make foreign")]
-            if name in slow:
-                marks.append(pytest.mark.timeout(600))  # a minute's work on a computer that may be busy
+            marks.append(pytest.mark.timeout(600))  # up to a minute's work on a computer that may be busy
             found.append(pytest.param(name, check, marks=marks, id=f"{name}-{check}"))
     return found

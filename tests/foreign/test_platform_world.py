@@ -22,6 +22,9 @@ from tests.foreign.platform_world import Floats, Platform, Run, angle, readings
 from tests.foreign.sessions import CHECKS, Session, command, run, taken_through
 from tests.foreign.trials import scored, summary
 
+# Up to a minute's work each, on a computer that may be busy.
+pytestmark = pytest.mark.timeout(600)
+
 HABITS = Habits(wrapped_angle=False, with_temperature=True, with_biases=False, dropped=0.0)
 BASELINE_P = 1e-3
 QUIETER = 30.0
