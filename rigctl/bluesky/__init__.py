@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from rigctl.exchange.extra import BLUESKY, needed
+from rigctl.core.extra import BLUESKY, needed
 
 needed("bluesky", BLUESKY)
 

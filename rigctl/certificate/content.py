@@ -83,7 +83,6 @@ def certificate_of(
         "format": FORMAT,
         "number": details.number or _number(basis, issued),
         "issued": issued,
-        "signed": None,
         "software": {"name": "rigctl", "version": importlib.metadata.version("rigctl")},
         "title": store.header.title.strip() or store.path.name,
         "experiment": store.header.experiment,

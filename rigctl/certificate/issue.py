@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rigctl.certificate import page, pdf, sealed
+from rigctl.certificate import page, pdf, sealed, signature
 from rigctl.certificate.content import FORMAT, Certificate
 from rigctl.certificate.dcc import document
 from rigctl.certificate.sections import Content
-from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.errors import ConfigError, DataError, ProcedureError
+
+
+class NotVerified(ProcedureError):
+    """A certificate that is not as it was issued or signed, or not that of a store: what differs, in one line."""
+
+
+@dataclass(frozen=True)
+class Issued:
+    """A certificate's file as it was issued: its `content`, and the SHA-256 of the file, in hexadecimal digits."""
+
+    content: Mapping[str, Any]
+    sha256: str
 
 
 def _html(content: Content) -> bytes:
@@ -25,10 +39,15 @@ FORMS: Mapping[str, Callable[[Content], bytes]] = {".html": _html, ".pdf": pdf.p
 
 
 def form_of(out: Path) -> str:
-    """The suffix of a file that can be written; `ConfigError` for another one, and for a PDF without a browser."""
+    """The suffix of a file that can be written; `ConfigError` for another one, and for a PDF without a browser.
+
+    A file that was signed is not written anew: `ConfigError`.
+    """
     suffix = out.suffix.lower()
     if suffix not in FORMS:
         raise ConfigError(f"{out}: certificates are written as {', '.join(FORMS)} only; give the file such a name")
+    if signature.beside(out).exists():
+        raise ConfigError(f"{out}: {signature.beside(out).name} signs what is there; give the new one another name")
     if suffix == ".pdf":
         pdf.browser()
     return suffix
@@ -47,8 +66,8 @@ def write(certificate: Certificate, out: Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-def read(path: Path) -> tuple[Mapping[str, Any], bool]:
-    """The content of a certificate, and whether the file is as it was issued; `DataError` for anything else."""
+def read(path: Path) -> Issued:
+    """A certificate; `NotVerified` for one that was changed since, `DataError` for anything else."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -62,7 +81,9 @@ def read(path: Path) -> tuple[Mapping[str, Any], bool]:
         ) from error
     if unchanged is None or not isinstance(content, dict) or content.get("format") != FORMAT:
         raise DataError(f"{path}: no certificate of this program ({FORMAT}); name a file of `rigctl certificate`")
-    return content, unchanged
+    if not unchanged:
+        raise NotVerified(f"{path}: changed after it was issued: its own hash does not fit; ask for the original")
+    return Issued(content, hashlib.sha256(data).hexdigest())
 
 
 def _data_of(data: bytes) -> Any:

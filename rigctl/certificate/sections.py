@@ -16,7 +16,10 @@ from rigctl.report.tables.result_table import ResultTable
 
 Content = Mapping[str, Any]
 NOT_STATED = "not stated"
-UNSIGNED = "UNSIGNED: not valid until it is signed."
+UNSIGNED = (
+    "UNSIGNED, and not valid, unless a signature file FILE.sig accompanies this FILE (`rigctl verify` checks it) or "
+    "it is signed by hand."
+)
 COVERAGE = (
     "U is the expanded uncertainty for a coverage probability of about 95 %: the standard uncertainty times the "
     "coverage factor k of the t distribution with the effective degrees of freedom (JCGM 100, G.4). An interval "

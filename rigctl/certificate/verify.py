@@ -1,4 +1,4 @@
-"""Is a certificate still true of a store? What it rests on is hashed again, and compared."""
+"""Is a certificate still true of a store? What it rests on is hashed again, and compared. Who signed it?"""
 
 from __future__ import annotations
 
@@ -8,31 +8,36 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.store.store import Store
+from rigctl.certificate import signature
 from rigctl.certificate.basis import Basis, basis_of, differences, told
-from rigctl.certificate.issue import read
-from rigctl.core.errors import DataError, ProcedureError
+from rigctl.certificate.issue import Issued, NotVerified, read
+from rigctl.certificate.signature import Signer
+from rigctl.core.errors import DataError
+from rigctl.core.extra import SIGN, needed
 from rigctl.workbench.model import versions
-
-
-class NotVerified(ProcedureError):
-    """A certificate that is not that of a store: what differs, in one line."""
 
 
 @dataclass(frozen=True)
 class Verified:
-    """A certificate that is true of a store; `later` versions of its model came after the certificate."""
+    """A certificate that is true of a store; `later` versions of its model came after the certificate.
+
+    `signature` is None where there is none beside it.
+    """
 
     number: str
     sha256: str
-    signed: bool
+    signature: Signer | None
     later: int
 
 
-def verify(path: Path, store_path: Path) -> Verified:
-    """Compare a certificate with a store; `NotVerified` says what differs, `DataError` when either cannot be read."""
-    content, unchanged = read(path)
-    if not unchanged:
-        raise NotVerified(f"{path}: changed after it was issued: its own hash does not fit; ask for the original")
+def verify(path: Path, store_path: Path, trust: Path | None = None) -> Verified:
+    """Compare a certificate with a store, and who signed it with the key in the file `trust`.
+
+    `NotVerified` says what differs; `DataError` when a file cannot be read, `ConfigError` for a key that is none.
+    """
+    issued = read(path)
+    signer = _signer(path, issued, trust)
+    content = issued.content
     with Store.open(store_path, readonly=True) as store:
         then = _basis(path, content)
         known = versions.versions(store)
@@ -44,7 +49,19 @@ def verify(path: Path, store_path: Path) -> Verified:
         raise NotVerified(f"{path}: not true of {store_path} as it is: {told(found)}")
     if content["basis_sha256"] != now.sha256:
         raise NotVerified(f"{path}: the hash over what it rests on is not that of its parts; ask for the original")
-    return Verified(str(content["number"]), now.sha256, content["signed"] is not None, len(known) - number)
+    return Verified(str(content["number"]), now.sha256, signer, len(known) - number)
+
+
+def _signer(path: Path, issued: Issued, trust: Path | None) -> Signer | None:
+    place = signature.beside(path)
+    if place.exists():
+        needed("cryptography", SIGN)
+        from rigctl.certificate.signing import signer_of
+
+        return signer_of(path, issued, trust)
+    if trust is not None:
+        raise NotVerified(f"{path}: unsigned: no {place.name} is beside it to compare with {trust}; ask for it")
+    return None
 
 
 def _basis(path: Path, content: Mapping[str, Any]) -> Basis:

@@ -20,7 +20,7 @@ MODULES = {
     "steering": ("pause", "abort", "answer", "status", "mark"),
     "results": ("result",),
     "report": ("report",),
-    "certificate": ("certificate", "verify"),
+    "certificate": ("certificate", "sign", "verify"),
     "history": ("history",),
     "noise": ("noise",),
     "workbench": ("compare", "diagnose", "fit"),

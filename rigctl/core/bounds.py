@@ -70,6 +70,9 @@ EXPRESSION_CHARACTERS = 10_000
 PLUGIN_BYTES = MIB
 """Of a file of effects."""
 
+KEY_BYTES = 64 * KIB
+"""Of a file with a key, a passphrase, an X.509 certificate or a signature: an RSA key of 16384 bits has 13 KiB."""
+
 MESSAGE_CHARACTERS = 600
 """Of an error: one line, whatever it quotes."""
 

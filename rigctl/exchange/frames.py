@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.errors import DataError
+from rigctl.core.extra import needed
 from rigctl.core.units import name_and_unit
-from rigctl.exchange.extra import needed
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -13,7 +13,7 @@ import numpy as np
 
 from rigctl.analysis.measurement_result import MeasurementResult, Source
 from rigctl.core.arrays import FloatArray
-from rigctl.exchange.extra import needed
+from rigctl.core.extra import needed
 
 if TYPE_CHECKING:
     from GTC.lib import UncertainReal

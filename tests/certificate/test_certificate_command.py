@@ -86,7 +86,7 @@ def test_a_campaign_is_certified_verified_fitted_further_and_marked(desk: Any) -
 
     assert desk.rigctl("model", "add", desk.store, "null-drift").status == 0
     verified = desk.rigctl("verify", out, desk.store, "--json").json
-    assert (verified["later"], verified["signed"]) == (1, False)
+    assert (verified["later"], verified["signature"]) == (1, None)
     assert verified["sha256"] == issued["basis_sha256"]
 
     run = next(iter(content["basis"]["runs"]))

@@ -7,7 +7,7 @@ from typing import Any
 
 from rigctl.core.errors import ConfigError
 
-NOTEBOOK, BLUESKY = "notebook", "bluesky"
+NOTEBOOK, BLUESKY, SIGN = "notebook", "bluesky", "sign"
 """The extras of `pip install 'rigctl[EXTRA]'`."""
 
 
