@@ -37,7 +37,7 @@ svg text { fill: currentColor; }
 @media print {
   :root { color-scheme: light; --paper: #ffffff; --ink: #000000; --soft: #444444; --rule: #bbbbbb;
           --mark: #eeeeee; --good: #eeeeee; }
-  body { margin: 0; max-width: none; font-size: 10pt; } h2, h3 { break-after: avoid; }
+  body { margin: 0; max-width: none; font-size: 10pt; } h2, h3, p:has(+ .wide) { break-after: avoid; }
   table { font-size: 8pt; } tr, .wide { break-inside: avoid; } .wide { overflow: visible; }
   svg { max-height: 10.5cm; } figure { margin: 0.8rem 0; }
 }
