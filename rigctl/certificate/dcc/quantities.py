@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -81,26 +81,7 @@ def with_covariance(quantities: Sequence[Quantity], covariance: Sequence[Sequenc
         "si:standardMUXMLList",
         _listed("si:valueStandardMUXMLList", (decimal(each["standard_uncertainty"]) for each in quantities)),
     )
-    columns = (
-        element(
-            "si:columnXMLList",
-            *(
-                element(
-                    "si:covarianceXMLList",
-                    filled("si:valueXMLList", decimal(row[place])),
-                    filled("si:unitXMLList", dsi_unit(unit, other)),
-                )
-                for row, unit in zip(covariance, units, strict=True)
-            ),
-        )
-        for place, other in enumerate(units)
-    )
-    region = element(
-        "si:ellipsoidalRegionMUXMLList",
-        element("si:covarianceMatrixXMLList", *columns),
-        filled("si:coverageFactorXMLList", _NOT_STATED),
-        filled("si:coverageProbabilityXMLList", _NOT_STATED),
-    )
+    region = element("si:ellipsoidalRegionMUXMLList", *_region(units, covariance, "XMLList"))
     return real_list(
         [each["name"] for each in quantities],
         [each["value"] for each in quantities],
@@ -113,20 +94,6 @@ def with_covariance(quantities: Sequence[Quantity], covariance: Sequence[Sequenc
 def polar(magnitude: Quantity, phase: Quantity, covariance: Sequence[Sequence[float]]) -> Element:
     """A complex quantity by its magnitude and its phase, with the covariance (2, 2) of these."""
     units = (magnitude["unit"], phase["unit"])
-    columns = (
-        element(
-            "si:column",
-            *(
-                element(
-                    "si:covariance",
-                    filled("si:value", decimal(row[place])),
-                    filled("si:unit", dsi_unit(unit, other)),
-                )
-                for row, unit in zip(covariance, units, strict=True)
-            ),
-        )
-        for place, other in enumerate(units)
-    )
     return element(
         "si:complex",
         filled("si:label", magnitude["complex"]),
@@ -134,13 +101,29 @@ def polar(magnitude: Quantity, phase: Quantity, covariance: Sequence[Sequence[fl
         filled("si:valuePhase", decimal(phase["value"])),
         filled("si:unit", dsi_unit(magnitude["unit"])),
         filled("si:unitPhase", dsi_unit(phase["unit"])),
-        element(
-            "si:ellipsoidalRegion",
-            element("si:covarianceMatrix", *columns),
-            filled("si:coverageFactor", _NOT_STATED),
-            filled("si:coverageProbability", _NOT_STATED),
-        ),
+        element("si:ellipsoidalRegion", *_region(units, covariance)),
     )
+
+
+def _region(units: Sequence[str], covariance: Sequence[Sequence[float]], kind: str = "") -> Iterator[Element | None]:
+    """A covariance matrix column by column, and no coverage of them together; `kind` ends all names."""
+    columns = (
+        element(
+            f"si:column{kind}",
+            *(
+                element(
+                    f"si:covariance{kind}",
+                    filled(f"si:value{kind}", decimal(row[place])),
+                    filled(f"si:unit{kind}", dsi_unit(unit, other)),
+                )
+                for row, unit in zip(covariance, units, strict=True)
+            ),
+        )
+        for place, other in enumerate(units)
+    )
+    yield element(f"si:covarianceMatrix{kind}", *columns)
+    yield filled(f"si:coverageFactor{kind}", _NOT_STATED)
+    yield filled(f"si:coverageProbability{kind}", _NOT_STATED)
 
 
 def _listed(tag: str, said: Any) -> Element | None:
