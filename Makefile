@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup wheel certificates console-operator console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
+.PHONY: setup wheel certificates console-operator console-looks console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -111,6 +111,15 @@ console-pictures: setup
 	rm -f out/one-axis.rig.sqlite*
 	$(BIN)/rigctl run campaigns/one-axis.toml --store out/one-axis.rig.sqlite --yes
 	$(BIN)/python -m tests.console.draw out/one-axis.rig.sqlite
+
+# Every screen in every theme, at three sizes and without colour, in out/console-looks: to be looked at.
+THEMES := rigctl-dark rigctl-light rigctl-contrast rigctl-night
+console-looks: setup
+	mkdir -p out
+	test -f out/one-axis.rig.sqlite || $(BIN)/rigctl run campaigns/one-axis.toml --store out/one-axis.rig.sqlite --yes
+	for size in 80x24 120x40 200x60; do \
+	  for theme in $(THEMES); do $(BIN)/python -m tests.console.draw out/one-axis.rig.sqlite --size $$size --theme $$theme --out out/console-looks/$$theme-$$size || exit 1; done; \
+	  NO_COLOR=1 $(BIN)/python -m tests.console.draw out/one-axis.rig.sqlite --size $$size --out out/console-looks/no-colour-$$size || exit 1; done
 
 # The certificates that the README links, from campaigns on simulated instruments, a published table and a plug-in: two minutes, a browser.
 CERTIFIED := isa-flight-model bias-rejection microscope
