@@ -29,6 +29,7 @@ class Campaigns:
         arguments = [what, str(launch.campaign), "--store", str(launch.store)]
         arguments += ["--rig", str(launch.rig)] if launch.rig else []
         arguments += ["--seed", str(launch.seed)] if launch.seed is not None else []
+        arguments += ["--max-runs", str(launch.max_runs)] if launch.max_runs is not None else []
         arguments += ["--yes"] if launch.unattended else []
         self._spawn(launch.store, [*arguments, *_options(plugins)])
         if launch.investigate:

@@ -95,10 +95,10 @@ def launch_fault(launch: Launch) -> Fault | None:
     if not launch.store.name:
         return Fault("store", "name the store")
     if launch.investigate:
-        try:
-            investigable(file).set_points(file)
-        except ConfigError as error:
-            return Fault("campaign", str(error))
+        if fault := _investigation_fault(launch, file):
+            return fault
+    elif launch.max_runs is not None:
+        return Fault("max-runs", "only an investigation has a most; tick it, or leave this empty")
     elif launch.store.exists() and not file.goes_on:
         return Fault("store", f"{launch.store} exists already; choose another name")
     if not launch.store.absolute().parent.is_dir():
@@ -109,6 +109,20 @@ def launch_fault(launch: Launch) -> Fault | None:
         read_rig(launch.rig or file.rig_path)
     except ConfigError as error:
         return Fault("rig", str(error))
+    return None
+
+
+def _investigation_fault(launch: Launch, file: CampaignFile) -> Fault | None:
+    try:
+        investigable(file).set_points(file)
+    except ConfigError as error:
+        return Fault("campaign", str(error))
+    if launch.rig is not None:
+        return Fault("rig", "an investigation uses the campaign file's rig; leave this empty")
+    if launch.seed is not None:
+        return Fault("seed", "an investigation has the campaign file's seed; leave this empty")
+    if launch.max_runs == 0:
+        return Fault("max-runs", "at least one run")
     return None
 
 

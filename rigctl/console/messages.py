@@ -41,6 +41,8 @@ class Launch:
     seed: int | None = None
     investigate: bool = False
     """Whether it goes on by itself: as `rigctl investigate`."""
+    max_runs: int | None = None
+    """Of an investigation; None for those of a full scan."""
 
 
 @dataclass

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rigctl.campaign.store.store import Store
+from rigctl.console.campaigns import Campaigns
 from rigctl.workbench.model import versions
 from tests.console.test_campaign import answers
 from tests.test_cli_planning import HYSTERESIS, SCAN, rig
@@ -85,3 +86,27 @@ def test_what_cannot_be_investigated_is_refused_before_anything_begins(begun: Pa
 
     at_console(sitting, path)
     assert begun.exists()
+
+
+def test_its_most_runs_are_said_and_what_it_does_not_take_is_refused(
+    begun: Path, at_console: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spawned: list[list[str]] = []
+    monkeypatch.setattr(Campaigns, "_spawn", lambda _, __, arguments: spawned.append(arguments))
+
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._panes.campaign.file)
+        await seat.press("2", "s")
+        await seat.sees("Start a campaign")
+        await seat.press("tab", "tab", "tab", "7", "tab", "tab", "space")
+        await seat.sees("an investigation has the campaign file's seed; leave this empty")
+        await seat.press("shift+tab", "shift+tab", "backspace", "tab", "tab", "tab", "0")
+        await seat.sees("at least one run")
+        await seat.press("backspace", "9", "shift+tab", "space")
+        await seat.sees("only an investigation has a most; tick it, or leave this empty")
+        await seat.press("space", "enter")
+        await seat.until(lambda: spawned)
+
+    at_console(sitting, begun.parent / "campaign.toml")
+    campaign = str(begun.with_name("campaign.toml"))
+    assert spawned == [["investigate", campaign, "--store", begun.name, "--max-runs", "9"]]

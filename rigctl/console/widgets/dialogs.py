@@ -207,13 +207,17 @@ class StartDialog(Dialog[Launch]):
             ("seed", "seed of a simulated world (empty: as its file says)", ""),
         )
         for name, label, value in entries:
-            yield Static(label)
-            digits = r"\d*" if name == "seed" else None
-            # Not selected: the first key would take the place of what stands there.
-            yield Input(str(value), compact=True, select_on_focus=False, id=name, restrict=digits)
+            yield from self._entry(name, label, str(value), r"\d*" if name == "seed" else None)
         yield Tick("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
         yield Tick("investigate: diagnose, add what is found, measure what decides", compact=True, id="investigate")
+        yield from self._entry("max-runs", "at most so many runs of it (empty: those of a full scan)", "", r"\d*")
         yield Static("", classes="refusal")
+
+    @staticmethod
+    def _entry(name: str, label: str, value: str, restrict: str | None) -> ComposeResult:
+        yield Static(label)
+        # Not selected: the first key would take the place of what stands there.
+        yield Input(value, compact=True, select_on_focus=False, id=name, restrict=restrict)
 
     def on_mount(self) -> None:
         """What is wrong from the start?"""
@@ -245,15 +249,18 @@ class StartDialog(Dialog[Launch]):
         def text(name: str) -> str:
             return self.query_one(f"#{name}", Input).value.strip()
 
-        seed = text("seed")
+        def number(name: str) -> int | None:
+            # The entry lets digits of other scripts pass.
+            return int(text(name)) if text(name).isascii() and text(name).isdigit() else None
+
         return Launch(
             campaign=Path(text("campaign")),
             store=Path(text("store")),
             rig=Path(text("rig")) if text("rig") else None,
             unattended=self.query_one("#unattended", Tick).value,
             investigate=self.query_one("#investigate", Tick).value,
-            # The entry lets digits of other scripts pass.
-            seed=int(seed) if seed.isascii() and seed.lstrip("-").isdigit() else None,
+            seed=number("seed"),
+            max_runs=number("max-runs"),
         )
 
 
