@@ -180,7 +180,7 @@ class TextDialog(Dialog[str]):
 class Fault:
     """What is wrong with a launch, and which entry has to be changed."""
 
-    entry: Literal["campaign", "store", "rig"]
+    entry: Literal["campaign", "store", "rig", "seed", "max-runs"]
     why: str
 
 
