@@ -10,7 +10,6 @@ import pytest
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.workbench.study import Line, Term
-from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.rivals import rivals_of
 from rigctl.workbench.verdict.score import contained, likeness
@@ -23,7 +22,6 @@ from rigctl.workbench.verdict.significance import (
     p_of_scored,
 )
 from rigctl.workbench.verdict.simplest import NEAR_TIE
-from rigctl.workbench.verdict.trials import Trials
 
 
 def searched(study: Any, terms: tuple[Term, ...] = (), alpha: float = 0.01, seed: int = 0) -> Search:
@@ -163,24 +161,6 @@ def test_a_model_is_fitted_once_whatever_the_order_of_its_terms(made_up: Any) ->
     search = Search(made_up.study(6), (), 0.01, 0, lambda _: None)
     assert search.attempt((Term("roll"), Term("lag"))) is search.attempt((Term("lag"), Term("roll")))
     assert search.attempt((Term("roll"),)) is not search.attempt((Term("lag"),))
-
-
-def test_trials_are_counted_once_beside_the_given_terms(made_up: Any) -> None:
-    study = made_up.study(7, {"roll": 15.0})
-    search = Search(study, (), 0.01, 0, lambda _: None)
-    given, richer = search.attempt(()), search.attempt((Term("roll"),))
-    assert richer.trials_of("lag") == given.trials_of("lag") == search.trials.of("")
-    # Its own count differs by what two sets of 2000 draws may: forty of each are below the quantile.
-    own = Attempt(study, (Term("roll"),)).trials_of("lag")
-    assert abs(np.log(own / richer.trials_of("lag"))) < 3.0 * np.sqrt(2.0 / 40.0)
-
-
-def test_trials_of_a_family_that_the_given_terms_hide_are_counted_where_it_is_seen(made_up: Any) -> None:
-    study = made_up.study(7)
-    nothing = Trials({}, 1.0, 1.0)
-    alone = Attempt(study, ())
-    assert Attempt(study, (), counted=lambda: nothing).trials_of("lag") == pytest.approx(alone.trials.within[""])
-    assert alone.with_trials(lambda: nothing).trials_of("lag") == pytest.approx(alone.trials.within[""])
 
 
 def test_progress_is_told(made_up: Any) -> None:

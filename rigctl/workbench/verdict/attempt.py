@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -56,8 +55,7 @@ class Scored:
 class Attempt(FittedModel):
     """One set of terms: see the module's first line. `seed` fixes the draws behind corrected p-values,
     `shapes` holds what attempts at the same observations share, `start` where to start from by parameter. With
-    `known` noise nothing is estimated: all models of a store's data are judged by one noise. With `counted` trials,
-    those beside a smaller model, only those of families that are not among them are counted here."""
+    `known` noise nothing is estimated: all models of a store's data are judged by one noise."""
 
     def __init__(
         self,
@@ -68,10 +66,8 @@ class Attempt(FittedModel):
         start: Mapping[str, float] | None = None,
         known: KnownNoise | None = None,
         held: frozenset[str] = frozenset(),
-        counted: Callable[[], Trials] | None = None,
     ) -> None:
         self.study = study
-        self.counted = counted
         self.terms = tuple(terms)
         self.seed = seed
         model = study.model(self.terms)
@@ -89,14 +85,6 @@ class Attempt(FittedModel):
             last = with_estimated_noise(first, self.estimator)
             self._questions = self._questions.at(last.result.values)
         super().__init__(model, last.noise, last.held, last.result)
-
-    def with_trials(self, counted: Callable[[], Trials]) -> Attempt:
-        """The same model, for trials that were counted beside a smaller one."""
-        same = copy(self)
-        same.counted = counted
-        for told in ("trials", "rotated"):
-            same.__dict__.pop(told, None)
-        return same
 
     @property
     def candidates(self) -> list[Candidate]:
@@ -198,20 +186,11 @@ class Attempt(FittedModel):
     @cached_property
     def trials(self) -> Trials:
         """How many independent trials the catalogue amounts to, family by family."""
-        if self.counted is None:
-            return self._trials_of(self._families)
-        # Beside some terms more there are a few trials less: no more than the draws know.
-        there = self.counted()
-        missing = [name for name in self._families if name not in there.within]
-        within = {name: count for name, count in there.within.items() if name in self._families}
-        return replace(there, within=within | dict(self._trials_of(missing).within))
-
-    def _trials_of(self, families: Iterable[str]) -> Trials:
         sketched = self._sketched
         if sketched is None:
-            return trials({name: self.family(name) for name in families}, len(self.left), self.seed)
-        made = {name: self._sketched_family(sketched, self._families[name]) for name in families}
-        return trials(made, sketched.rows, self.seed)
+            return trials({name: self.family(name) for name in self._families}, len(self.left), self.seed)
+        families = {name: self._sketched_family(sketched, effects) for name, effects in self._families.items()}
+        return trials(families, sketched.rows, self.seed)
 
     @cached_property
     def _sketched(self) -> SketchedTrials | None:
@@ -347,16 +326,7 @@ class Attempt(FittedModel):
 
     def trials_of(self, effect: str) -> float:
         """For how many independent trials the p-value of an effect is corrected."""
-        return self._trials_with(family_of(self.study, effect)).of(family_of(self.study, effect))
-
-    def trials_within(self, family: str) -> float:
-        """The same within one family only."""
-        return self._trials_with(family).within[family]
-
-    def _trials_with(self, family: str) -> Trials:
-        """A count that has this family: often no other need be asked about."""
-        counted = None if self.counted is None else self.counted()
-        return self.trials if counted is None or family not in counted.within else counted
+        return self.trials.of(family_of(self.study, effect))
 
     def evidence(self, scored: Scored) -> float:
         """Log evidence: T/2 less the price; ranks candidates of different kinds."""

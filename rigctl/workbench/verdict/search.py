@@ -7,7 +7,6 @@ import itertools
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -35,7 +34,6 @@ from rigctl.workbench.verdict.significance import (
     significant_shape,
 )
 from rigctl.workbench.verdict.simplest import most_evident_first, simplest
-from rigctl.workbench.verdict.trials import Trials
 from rigctl.workbench.verdict.unrecorded import imitations
 
 # Well beyond the three hidden effects that the search is tried on: it has to end somewhere.
@@ -104,14 +102,8 @@ class Search:
             # Another choice of the same effect is nowhere to start from.
             owners = ("", *map(_name, terms))
             start = {name: value for owner in owners for name, value in self._values.get(owner, {}).items()}
-            counted = None if key == _key(self.given) else lambda: self.trials
-            self.adopt(Attempt(self.study, terms, self.seed, self._shapes, start, self._known, counted=counted))
+            self.adopt(Attempt(self.study, terms, self.seed, self._shapes, start, self._known))
         return self._attempts[key]
-
-    @cached_property
-    def trials(self) -> Trials:
-        """Those beside the given terms: one count for all models of the search, as it takes longer than a fit."""
-        return self.attempt(self.given).trials
 
     def adopt(self, attempt: Attempt) -> None:
         """Keep a fitted model, and start others from it."""
@@ -156,7 +148,7 @@ class Search:
         """Add what the `richest` model has besides, drop of it what is not needed, and go on from there."""
         there = {term.effect for term in self.given}
         terms = (*self.given, *(term for term in richest.terms if term.effect not in there))
-        self.adopt(richest if _key(terms) == _key(self.given) else richest.with_trials(lambda: self.trials))
+        self.adopt(richest)
         if self.attempt_if_fit(terms) is None:
             self.run()
             return

@@ -79,7 +79,7 @@ def _permuted_p_of_scored(attempt: Attempt, scored: Scored) -> float:
         return smallest_of(family, draws, object())
 
     found = permuted.probability(name, smallest, score.statistic, score.dimension)
-    return single(found, attempt.trials_within(name))
+    return single(found, attempt.trials.within[name])
 
 
 def _rotated_p_of_scored(attempt: Attempt, scored: Scored) -> float:
