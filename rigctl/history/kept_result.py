@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +58,7 @@ class KeptResult:
 
     def standard_uncertainty(self, place: int) -> float:
         """Combined standard uncertainty of one quantity."""
-        return _root_sum(each.parts[place] for each in self.sources)
+        return math.hypot(*(each.parts[place] for each in self.sources))
 
     def independent(self, place: int) -> tuple[float, float]:
         """The part that another calibration does not share, with its degrees of freedom (Welch-Satterthwaite)."""
@@ -127,7 +127,3 @@ def _key(store: Store) -> dict[str, Any]:
     version = versions.current(store)
     plugins = sorted(plugin.sha256 for plugin in version.plugins.values())
     return {"version": version.version, "data": versions.data_key(store), "plugins": plugins}
-
-
-def _root_sum(parts: Iterable[float]) -> float:
-    return math.hypot(*parts)

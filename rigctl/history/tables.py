@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.analysis.repeated import Consistency, Estimate, Scatter, sigmas
+from rigctl.analysis.repeated import LEVEL, Consistency, Estimate, Scatter, sigmas
 from rigctl.history.catalogue import Catalogue
 from rigctl.history.item_history import ItemHistory, QuantityHistory
 from rigctl.report.quantities import counted, number, p_value, probability, quantity
@@ -86,8 +86,8 @@ def consistency_table(history: ItemHistory) -> ResultTable | None:
 
 
 def _level_note(trials: int) -> str:
-    each = f"; of {trials} tested together p below {0.01 / trials:.2g}" if trials > 1 else ""
-    return f"p: of a difference as large by chance; a warning below 1 %{each}"
+    each = f"; of {trials} tested together p below {LEVEL / trials:.2g}" if trials > 1 else ""
+    return f"p: of a difference as large by chance; a warning below {100.0 * LEVEL:g} %{each}"
 
 
 def _consistency_row(of: QuantityHistory) -> list[str]:

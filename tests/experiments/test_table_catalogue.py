@@ -12,9 +12,12 @@ from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording,
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.core.readings import pasted_rows, seconds_of_stamps
+from rigctl.experiments.table.candidates import Derivatives
+from rigctl.experiments.table.model.forms import Power
 from rigctl.experiments.table.model.model import fitted
 from rigctl.experiments.table.model.scanned import Periodic
 from rigctl.experiments.table.observe.readings import Column
+from rigctl.experiments.table.spanned import Spanned
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import Term
@@ -423,3 +426,17 @@ def test_periods_closer_than_one_oscillation_in_the_span_are_one_whose_amplitude
     away = [abs(1.0 / each.term.choice["period"] - 0.25) for each in offered]
     assert min(away) >= 1.0 / np.ptp(t)
     assert len(away) > 100
+
+
+def test_a_derivative_that_was_made_is_that_beside_the_model_which_asks() -> None:
+    x = np.random.default_rng(3).uniform(1950.0, 2020.0, 60)
+    square, kept = Power(Column("x", x, "1"), 2), Derivatives()
+    beside = [Spanned(np.stack(columns, axis=1)) for columns in ([np.ones(60)], [np.ones(60), x], [x**2])]
+    asked = [kept.of(square, {}, each)[0] for each in (*beside, *beside)]
+    for number, (found, spanned) in enumerate(zip(asked, (*beside, *beside), strict=True)):
+        # As when nothing was asked before, and without what the model spans of the constant and of the line.
+        assert np.array_equal(found, Derivatives().of(square, {}, spanned)[0])
+        held = [each / np.linalg.norm(each) for each in (np.ones(60), x - x.mean()) if spanned.holds(each[:, None])]
+        assert len(held) == (1, 2, 0)[number % 3]
+        assert all(abs(each @ found[:, 0]) < 1e-9 * np.linalg.norm(found) for each in held)
+    assert asked[3] is asked[0]

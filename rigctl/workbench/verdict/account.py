@@ -55,7 +55,7 @@ class Account:
             return Attempt(study, terms, start=start, known=self.known, held=held)
         key = json.dumps([term.as_json() for term in terms], sort_keys=True)
         if key not in self._plain:
-            self._plain[key] = Attempt(study, terms, known=self.known)
+            self._plain[key] = Attempt(study, terms, self.richest.seed, known=self.known)
         return self._plain[key]
 
     def search(
