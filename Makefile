@@ -47,9 +47,10 @@ imports: setup
 	$(BIN)/lint-imports
 
 # By files: what the tests of a file share, a measured campaign for example, is made once and not by each worker.
-# Three workers on two cores: tests of the console and of served instruments wait as often as they work.
+# Three workers on two cores: tests of the console and of served instruments wait as often as they work. One thread of
+# linear algebra in each: threads that wait for one another cost a fifth of the processor time.
 pytest: setup
-	$(BIN)/pytest -n 3 --dist loadfile --durations 40 --durations-min 10
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile --durations 40 --durations-min 10
 
 # Recordings from elsewhere, the slow ones too: tests/foreign/README.md.
 foreign: setup
