@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from scipy import stats
 
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
-from rigctl.effects.catalogue import chosen
+from rigctl.effects.catalogue import Effect, chosen, effect
 from rigctl.experiments.sensing_axis.model.fit import RecordingFit, fit_recording, residuals_of
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.reduction import ReducedRun, observables
@@ -158,8 +159,6 @@ def test_a_scale_error_within_its_certificate_does_not_pass_for_a_rotation(
     make_run: Any, package: Any, heads: Any
 ) -> None:
     """The main head's noise allows 1e-7; a certified 1e-4 believed to that would tip the mounting rotation."""
-    from dataclasses import replace
-
     certified = {name: head.model_copy(update={"u_scale": 1e-4}) for name, head in heads.items()}
     runs = observables(runs_of_a_search(make_run, 21))
     wrong = [
@@ -193,3 +192,47 @@ def test_a_single_coarse_run_is_always_fitted(make_run: Any, package: Any, heads
     null = fitted([run], package, heads, ("resonance",)).null("X", "flag", 1)
     assert np.isfinite(null.theta0_rad)
     assert null.theta0_sigma_rad < math.radians(0.05)
+
+
+@effect("since-before", on="sensor_output_v", parameters={"k": "V/s"}, typical={"k": 1e-6})
+def since_before(run: Any, *, k: Any) -> Any:
+    """Follows the time since the run before."""
+    return k * np.diff(run.start, axis=0, prepend=run.start[:1]) * np.ones_like(run.signal)
+
+
+@effect("beside-the-others", on="sensor_output_v", parameters={"k": "1"}, typical={"k": 1e-3})
+def beside_the_others(run: Any, *, k: Any) -> Any:
+    """Follows how far the signal is from that of all runs."""
+    return k * (run.signal - run.signal.mean())
+
+
+@effect("of-three-runs", on="sensor_output_v", parameters={"k": "V"}, typical={"k": 1e-6})
+def of_three_runs(run: Any, *, k: Any) -> Any:
+    """Has a number for each of three runs."""
+    return k * np.array([[1.0], [2.0], [3.0]]) * np.ones_like(run.signal)
+
+
+OWN = {"none": (), **{each.id: (each,) for each in (since_before, beside_the_others, of_three_runs)}}
+
+
+@pytest.mark.parametrize("own", OWN.values(), ids=OWN)
+def test_slopes_are_the_differences_of_predictions(
+    make_run: Any, package: Any, heads: Any, own: tuple[Effect, ...]
+) -> None:
+    runs = [replace(run, start_s=100.0 * i**2) for i, run in enumerate(observables(runs_of_a_search(make_run, 5)))]
+    model = RecordingModel(runs, package, heads, 9.803, (*chosen("sensing-axis", EFFECTS), *own))
+    values = np.array([each.start for each in model.parameters])
+    if own:
+        values[model.index("k")] = own[0].typical["k"]
+
+    def observe(seen: Any) -> Any:
+        return np.stack([seen.accel_v[:, 1].real, seen.accel_v[:, 0].real, *seen.lasers_m[..., 1].real.T], axis=1)
+
+    slopes = model.jacobian(values, observe)
+    for place, parameter in enumerate(model.parameters):
+        above, below = values.copy(), values.copy()
+        above[place] += parameter.step
+        below[place] -= parameter.step
+        # All runs are of one mounting, and every parameter is one of all of them: the same to the last bit.
+        expected = (observe(model.predict(above)) - observe(model.predict(below))) / (2.0 * parameter.step)
+        assert np.array_equal(slopes[:, place], expected.ravel()), parameter.name

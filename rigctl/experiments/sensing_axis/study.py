@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import degrees
 from typing import Any, ClassVar
 
@@ -12,7 +13,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.components import stacked
+from rigctl.experiments.sensing_axis.model.components import Stacked, stacked
 from rigctl.experiments.sensing_axis.model.fit import mountings_of, null_point
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.courses import courses
@@ -52,7 +53,8 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
     def model(self, terms: Sequence[Term]) -> SensingAxisModel:
         """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
         effects = self.chosen(terms)
-        runs = self.data.runs(line_frequencies_hz(terms))
+        lines_hz = line_frequencies_hz(terms)
+        runs = self.data.runs(lines_hz)
         if not runs:
             raise DataError("no valid run could be reduced: there is nothing to fit")
         recorded, heads = self.data.recorded, self.data.placed_heads(runs)
@@ -61,7 +63,15 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
             reason = None if effect.scanned else untestable(effect, inner)
             if reason:
                 raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
-        return SensingAxisModel(inner.with_effects(effects), stacked(runs, inner.heads), terms)
+        # The same data in every model: what is worked out from them alone is worked out once.
+        if lines_hz not in self._stacked:
+            self._stacked[lines_hz] = stacked(runs, inner.heads)
+        return SensingAxisModel(inner.with_effects(effects), self._stacked[lines_hz], terms)
+
+    @cached_property
+    def _stacked(self) -> dict[tuple[float, ...], Stacked]:
+        """The data by the lines that were fitted in the samples."""
+        return {}
 
     def chosen(self, terms: Sequence[Term]) -> list[Effect]:
         """The effects of terms in the order in which they act; several heads of one effect become one."""

@@ -56,6 +56,7 @@ class Generic:
         self._given = given
         self._kept: dict[int, Part] = {}
         self._names: dict[int, list[Factor]] = {}
+        self._main: dict[bytes, FloatArray] = {}
 
     def _parts(self) -> Iterator[Part]:
         """Series by series; kept where that takes little memory."""
@@ -88,6 +89,12 @@ class Generic:
 
     def main_columns(self, where: IntArray) -> FloatArray:
         """The shapes one at a time, products left out, at some data: what saturates a small pool; (data, k)."""
+        key = where.tobytes()
+        if key not in self._main:
+            self._main[key] = self._main_columns(where)
+        return self._main[key]
+
+    def _main_columns(self, where: IntArray) -> FloatArray:
         blocks = [np.zeros((len(where), 0))]
         for number in np.unique(self._given.series_of[where]):
             members = np.flatnonzero(self._given.series_of[where] == number)
@@ -105,22 +112,17 @@ class Generic:
             blocks.append(columns)
         return np.hstack(blocks)
 
-    def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
-        """The strongest shape in the residuals; None where all shapes are absorbed."""
-        rows = len(projector.left)
-        sketch = sketch_of(rows) if rows > _FEW_DATA else None
-        drawn = rows if sketch is None else sketch.buckets
-        # Single precision, and fewer draws of long data: the count of trials needs no more.
-        draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn), dtype=np.float32)
-        basis = projector.basis if sketch is None else sketch.of(projector.basis)
-        fitted = draws @ basis.astype(np.float32)
-        smallest = np.ones(len(draws))
+    def best(self, noise: Noise, projector: Projector, trials: float | np.random.Generator) -> Best | None:
+        """The strongest shape in the residuals, corrected for so many `trials`, or for those that are drawn with it.
+
+        None where all shapes are absorbed.
+        """
+        count = _Drawn(projector, trials) if isinstance(trials, np.random.Generator) else _Known(trials)
         shapes: list[Shape] = []
         scored: list[_Scored] = []
         for part in self._parts():
             of_series = self._scored(part, noise, projector)
-            tried = of_series if sketch is None else _sketched(of_series, sketch)
-            smallest = np.minimum(smallest, _smallest(tried, draws, fitted))
+            count.add(of_series)
             shapes += part[1]
             # Columns of all series together would be many times the data: they are made again for the one that wins.
             scored.append(replace(of_series, columns=_NONE, shadow=_NONE))
@@ -130,7 +132,7 @@ class Generic:
         dimensions = np.concatenate([each.dimension for each in scored])
         dof = np.concatenate([each.dof for each in scored])
         p_values = p_of(statistics, dimensions, dof)
-        n_eff = trials_of(smallest)
+        n_eff = count.n_eff
         top = _strongest(statistics, dimensions, p_values, projector.data)
         p_value = float(p_values[top])
         beside = statistics + np.concatenate([each.constant_statistic for each in scored])
@@ -234,6 +236,40 @@ class _Scored:
     constant_statistic: FloatArray
 
 
+@dataclass(frozen=True)
+class _Known:
+    """So many independent trials, whatever is added."""
+
+    n_eff: float
+
+    def add(self, scored: _Scored) -> None:
+        """Of one series."""
+
+
+class _Drawn:
+    """How many independent trials shapes amount to that are added series by series."""
+
+    def __init__(self, projector: Projector, rng: np.random.Generator) -> None:
+        rows = len(projector.left)
+        self._sketch = sketch_of(rows) if rows > _FEW_DATA else None
+        drawn = rows if self._sketch is None else self._sketch.buckets
+        # Single precision, and fewer draws of long data: the count of trials needs no more.
+        self._draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn), dtype=np.float32)
+        basis = projector.basis if self._sketch is None else self._sketch.of(projector.basis)
+        self._fitted = self._draws @ basis.astype(np.float32)
+        self._smallest = np.ones(len(self._draws))
+
+    def add(self, scored: _Scored) -> None:
+        """Of one series."""
+        tried = scored if self._sketch is None else _sketched(scored, self._sketch)
+        self._smallest = np.minimum(self._smallest, _smallest(tried, self._draws, self._fitted))
+
+    @property
+    def n_eff(self) -> float:
+        """Trials."""
+        return trials_of(self._smallest)
+
+
 def _strongest(statistics: FloatArray, dimensions: IntArray, p_values: FloatArray, data: int) -> int:
     evidence = 0.5 * statistics - 0.5 * dimensions * np.log(data)
     return int(np.argmax(np.where(p_values <= max(float(p_values.min()), _NO_SMALLER), evidence, -np.inf)))
@@ -249,7 +285,10 @@ def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[Fl
 
 def _smallest(each: _Scored, draws: NDArray[np.float32], fitted: NDArray[np.float32]) -> FloatArray:
     """Smallest p of each draw of noise over the shapes of a series."""
-    squares = (draws[:, each.where] @ each.columns - fitted @ each.shadow) ** 2
+    # One product, in single precision as the draws are: the count of trials needs no more.
+    columns = np.vstack([each.columns, -each.shadow]).astype(np.float32)
+    along = np.hstack([draws[:, each.where], fitted]) @ columns
+    squares = np.square(along, out=along)
     count = len(each.statistic)
     statistic = squares[:, :count]
     statistic[:, each.pairs] += squares[:, count:]

@@ -90,6 +90,14 @@ class Runs:
         a = _filtered(added, self.omega, lambda s: s**2)
         return self.at(x=self.x + added, v=self.v + v, a=self.a + a)
 
+    def repeated(self, times: int) -> Runs:
+        """The same runs so many times, one copy after the other."""
+        arrays = {name: each for name, each in self.__dict__.items() if isinstance(each, np.ndarray)}
+        return self.at(
+            columns={name: np.tile(each, (times, 1)) for name, each in self.columns.items()},
+            **{name: np.tile(each, (times, 1)) for name, each in arrays.items() if len(each) == len(self.omega)},
+        )
+
     def at(self, **changes: Any) -> Runs:
         """The same runs at another point of the chain."""
         # Many thousand times in a fit, and dataclasses.replace costs more than the physics.

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from rigctl.experiments.sensing_axis.model.model import Prediction
 from rigctl.experiments.sensing_axis.model.parameters import by_configuration, by_mounting
+from rigctl.experiments.sensing_axis.model.prediction import Prediction
 from rigctl.experiments.sensing_axis.model.templates import templates
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL

@@ -12,7 +12,8 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.geometry import motion_in_cube
-from rigctl.experiments.sensing_axis.model.model import Prediction, RecordingModel
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.model.prediction import Prediction
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 from rigctl.files.package import HeadSettings, Package
 

@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
-from rigctl.core.arrays import ComplexArray, FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.chain import Origins, Runs, harmonics, periodic_motion, referred
-from rigctl.experiments.sensing_axis.model.geometry import X_LAB, components, lab_from_cube_mount, leaning
-from rigctl.experiments.sensing_axis.model.parameters import Layout, family_of, scale_of
-from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, RunObservables, heads_of
+from rigctl.experiments.sensing_axis.model.chain import Origins, Runs, periodic_motion
+from rigctl.experiments.sensing_axis.model.geometry import leaning
+from rigctl.experiments.sensing_axis.model.parameters import Family, Layout
+from rigctl.experiments.sensing_axis.model.prediction import Chain, Place, Prediction
+from rigctl.experiments.sensing_axis.observe.observables import RunObservables, heads_of
 from rigctl.files.package import HeadSettings, Package, unit_vector
 
-
-@dataclass(frozen=True)
-class Prediction:
-    """Amplitudes like those of `RunObservables`: accel_v (runs, H+1), lasers_m (runs, heads, H+1)."""
-
-    accel_v: ComplexArray
-    lasers_m: ComplexArray
-
-
-@dataclass(frozen=True)
-class _Place:
-    """Where a head stands in each run and where its beam is tilted to, (runs, 1, 3); one value per run:
-    a head sees other faces in other configurations."""
-
-    outward: FloatArray
-    leaning: FloatArray
-    tilt: float
+_ROWS_TOGETHER, _FEWEST = 1000, 2
+"""Runs with their copies that are predicted at once, and the families for which that is worth it."""
 
 
 class RecordingModel:
@@ -57,17 +45,15 @@ class RecordingModel:
         self.g_m_s2 = g_m_s2
         self.origins = origins or origins_of(self.runs)
         self.heads = tuple(name for name in heads_of(runs) if name in heads)
-        self._places = {name: self._place(name) for name in self.heads}
-        self.conditions = self._collect_conditions()
-        self._fitted = {item: self.reach(item) for item in self.effects if not item.scanned}
-        self._acting = {
-            point: [item for item in self._fitted if item.on == point] for point in {each.on for each in self._fitted}
-        }
-        layout = Layout(runs, package, {name: heads[name] for name in self.heads}, self._fitted)
+        self._chain = Chain(self._collect_conditions(), {name: self._place(name) for name in self.heads}, {})
+        acting = {item: self.reach(item) for item in self.effects if not item.scanned}
+        self._chain = replace(self._chain, acting=acting)
+        layout = Layout(runs, package, {name: heads[name] for name in self.heads}, acting)
         self.parameters = layout.parameters
         self.units = layout.units
         self.owners = layout.owners
         self.families = layout.families
+        self._repeated: dict[int, Chain] = {}
         self._steps = np.array([parameter.step for parameter in self.parameters], dtype=np.float64)
 
     def index(self, name: str) -> int:
@@ -100,27 +86,24 @@ class RecordingModel:
         )
 
     def at_head(self, head: str) -> Runs:
-        """The runs as an effect on a head's reading finds them, as if the head read the motion itself: a perfectly
-        mounted package would hide from the side heads what they see of any other."""
-        run = self.conditions
-        return self._seen(head, lab_from_cube_mount(run.theta, np.zeros(3)), run).at(signal=run.x)
+        """The runs as an effect on a head's reading finds them."""
+        return self._chain.at_head(head)
+
+    @property
+    def conditions(self) -> Runs:
+        """Of the runs."""
+        return self._chain.conditions
 
     def predict(self, values: FloatArray, *, accel: bool = True, lasers: bool = True) -> Prediction:
         """Amplitudes of every channel of every run for parameter values of shape (parameters,).
 
         Channels that are not wanted are left zero.
         """
-        given = {family.base: values[family.first + np.array(family.index)][:, None] for family in self.families}
-        run = self.conditions.at(theta0=given["theta0"])
-        if "motion_m" in self._acting:
-            # As a difference: velocity and acceleration follow what is added to the motion.
-            run = run.moved(self._passed("motion_m", run, given, run.x) - run.x)
-        run = run.at(theta=self._passed("angle_rad", run, given, run.theta))
-        accel_v = self._accel(run, given) if accel else np.zeros((len(self.runs), HARMONICS + 1), np.complex128)
-        if not (lasers and self.heads):
-            nothing = np.zeros((len(self.runs), len(self.heads), HARMONICS + 1), np.complex128)
-            return Prediction(accel_v, nothing)
-        return Prediction(accel_v, self._lasers(run, given))
+        return self._chain.predict(self._of_runs(values), accel=accel, lasers=lasers)
+
+    def _of_runs(self, values: FloatArray) -> dict[str, FloatArray]:
+        """Of each family every run's own parameter, (runs, 1)."""
+        return {family.base: values[family.columns][:, None] for family in self.families}
 
     def jacobian(
         self,
@@ -137,66 +120,59 @@ class RecordingModel:
         width = observe(self.predict(values)).shape[1]
         jacobian = np.zeros((len(self.runs), width, len(self.parameters)))
         rows = np.arange(len(self.runs))
-        for family in self.families:
-            if owners is not None and family.owner not in owners:
-                continue
-            members = slice(family.first, family.first + family.count)
-            step = np.zeros(len(values))
-            step[members] = self._steps[members]
-            upper, lower = (
-                observe(self.predict(values + moved, accel=family.accel, lasers=family.lasers))
-                for moved in (step, -step)
-            )
+        for family, upper, lower in self._stepped(values, owners):
             # Of a run only its own member of the family moved: its row is that member's derivative.
-            columns = family.first + np.array(family.index)
-            jacobian[rows, :, columns] = (upper - lower) / (2.0 * step[columns][:, None])
+            step = self._steps[family.columns][:, None]
+            jacobian[rows, :, family.columns] = (observe(upper) - observe(lower)) / (2.0 * step)
         return jacobian.reshape(-1, len(self.parameters))
 
-    def _accel(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
-        run = run.at(theta0=self._passed("null_rad", run, given, run.theta0))
-        # Eq. 5: a = -w^2 x, so that S rises with theta - theta0 (docs/physics.md).
-        inertia = -np.sin(run.theta - run.theta0) * run.a
-        force = self._passed("specific_force_m_s2", run, given, inertia)
-        # The level is static: effects behind this point (gain drifts) act on it too.
-        volts = self._passed("sensor_output_v", run, given, given["gain"] * force + given["dc"])
-        return referred(harmonics(volts, HARMONICS))
+    def _stepped(
+        self, values: FloatArray, owners: Collection[str] | None
+    ) -> Iterator[tuple[Family, Prediction, Prediction]]:
+        """Each family with the predictions a step above and a step below `values`."""
+        asked = [family for family in self.families if owners is None or family.owner in owners]
+        together = max(_ROWS_TOGETHER // (2 * max(len(self.runs), 1)), 1)
+        for (accel, lasers), alike in groupby(sorted(asked, key=_channels), key=_channels):
+            families = list(alike)
+            for first in range(0, len(families), together):
+                some = families[first : first + together]
+                # A call for few runs costs as much as one for a hundred.
+                if len(some) >= _FEWEST and self._run_by_run:
+                    yield from zip(some, *self._predict_copies(values, some, accel, lasers), strict=True)
+                else:
+                    for family in some:
+                        above, below = (self._moved(values, family, sign) for sign in (1.0, -1.0))
+                        yield (
+                            family,
+                            self.predict(above, accel=accel, lasers=lasers),
+                            self.predict(below, accel=accel, lasers=lasers),
+                        )
 
-    def _lasers(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
-        delta = np.concatenate([given["delta_x"], given["delta_y"], given["delta_z"]], axis=1)
-        # One rotation per run, or per grid point where an effect moves the angle within the period.
-        rotation = lab_from_cube_mount(run.theta, delta[:, None, :])
-        readings = []
-        for head in self.heads:
-            seen = self._seen(head, rotation, run)
-            # A head whose scale nobody calls uncertain has no such parameter.
-            scale = 1.0 + given.get(scale_of(head), np.zeros(1))
-            readings.append(self._passed("laser_m", seen, given, seen.signal * scale))
-        return referred(harmonics(np.stack(readings, axis=1), HARMONICS))
+    def _predict_copies(
+        self, values: FloatArray, families: Sequence[Family], accel: bool, lasers: bool
+    ) -> tuple[list[Prediction], list[Prediction]]:
+        """Predictions a step above `values` and a step below, family by family, from copies of the runs."""
+        times = 2 * len(families)
+        given = {base: np.tile(column, (times, 1)) for base, column in self._of_runs(values).items()}
+        for place, family in enumerate(families):
+            step = self._steps[family.columns]
+            copies = given[family.base].reshape(times, -1)
+            copies[2 * place] += step
+            copies[2 * place + 1] -= step
+        if times not in self._repeated:
+            self._repeated[times] = self._chain.repeated(times)
+        each = self._repeated[times].predict(given, accel=accel, lasers=lasers).copies(times)
+        return each[::2], each[1::2]
 
-    def _seen(self, head: str, rotation: FloatArray, run: Runs) -> Runs:
-        """The runs as one head sees them: `signal` is the motion along the face's normal n over c . n."""
-        place = self._places[head]
-        # A face moved by x meets the beam (n . x) / (c . n) farther along it, n its normal, c the beam's direction.
-        along, across, ahead = components(rotation, place.outward, place.outward, place.leaning, X_LAB)
-        cosine = np.cos(place.tilt) * along + np.sin(place.tilt) * across
-        return run.at(
-            head=head,
-            along=along,
-            across=across,
-            tilt=place.tilt,
-            # 1 for a head along y, across the motion.
-            side=np.abs(place.outward[..., 1]),
-            signal=run.x * ahead / cosine,
-        )
+    def _moved(self, values: FloatArray, family: Family, sign: float) -> FloatArray:
+        moved = values.copy()
+        members = slice(family.first, family.first + family.count)
+        moved[members] += sign * self._steps[members]
+        return moved
 
-    def _passed(self, point: str, run: Runs, given: Mapping[str, FloatArray], signal: FloatArray) -> FloatArray:
-        """The signal behind a point of the chain, with what the effects add there, one after the other."""
-        for item in self._acting.get(point, ()):
-            if item.scope == "head" and run.head not in self._fitted[item]:
-                continue
-            parameters = {name: given[family_of(item, name, run.head)] for name in item.parameters}
-            signal = signal + item(run.at(signal=signal), **parameters)
-        return signal
+    @cached_property
+    def _run_by_run(self) -> bool:
+        return self._chain.is_run_by_run()
 
     def _collect_conditions(self) -> Runs:
         def column(values: list[float]) -> FloatArray:
@@ -227,11 +203,11 @@ class RecordingModel:
             columns={name: column([run.extra.get(name, np.nan) for run in self.runs]) for name in extra},
         )
 
-    def _place(self, head: str) -> _Place:
+    def _place(self, head: str) -> Place:
         kinds = [(run.axis, run.configuration, run.faces.get(head)) for run in self.runs]
         known = {kind: self._position(head, *kind) for kind in dict.fromkeys(kinds)}
         positions = [known[kind] for kind in kinds]
-        return _Place(
+        return Place(
             np.array(positions)[:, None, :],
             np.array([leaning(each) for each in positions])[:, None, :],
             self.head_settings[head].tilt_rad,
@@ -242,6 +218,10 @@ class RecordingModel:
         if face is None:
             return unit_vector(self.head_settings[head].position)
         return self.package.turntable_from_cube(axis, configuration) @ unit_vector(face)
+
+
+def _channels(family: Family) -> tuple[bool, bool]:
+    return family.accel, family.lasers
 
 
 def origins_of(runs: Sequence[RunObservables]) -> Origins:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from math import isfinite
 
 import numpy as np
 
 from rigctl.analysis.least_squares import Parameter, Prior
+from rigctl.core.arrays import IntArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 from rigctl.files.package import HeadSettings, Package, SensorSettings
@@ -41,6 +42,11 @@ class Family:
     def count(self) -> int:
         """How many parameters the family has."""
         return max(self.index) + 1
+
+    @cached_property
+    def columns(self) -> IntArray:
+        """Which parameter is every run's, (runs,)."""
+        return self.first + np.array(self.index, dtype=np.intp)
 
 
 def by_mounting(run: RunObservables) -> str:
