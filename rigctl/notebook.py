@@ -14,6 +14,7 @@ from rigctl.exchange.frames import run_dataset, runs_frame
 from rigctl.experiments.analysis import Result, analysis_of, measurement_result_of
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
+from rigctl.report import html
 from rigctl.report.notebook import (
     Ladder,
     ShownComparison,
@@ -27,6 +28,7 @@ from rigctl.report.notebook import (
     shown_measurement,
     shown_result,
 )
+from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.model.versions import ModelVersion
 from rigctl.workbench.workbench import ALPHA
 
@@ -41,6 +43,10 @@ class Campaign:
     def __init__(self, path: Path | str, rig: Path | str | None = None) -> None:
         self.file = read_campaign(Path(path))
         self.rig_file = read_rig(Path(rig) if rig else self.file.rig_path)
+
+    def _repr_html_(self) -> str:
+        rows = [[self.file.title, self.file.experiment, str(self.file.path), str(self.rig_file.path)]]
+        return html.table(ResultTable("Campaign", ["title", "experiment", "campaign file", "rig file"], rows))
 
     def dry_run(self, plugins: Sequence[Path | str] = ()) -> dict[str, Any]:
         """What would be done, checked against the rig's limits."""

@@ -27,6 +27,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_rig_is_opened_moved_and_left_safe() -> None:
     with rigctl.Rig.from_file(CAMPAIGNS / "isa-rig.toml") as rig:
+        assert "<td>linear</td><td>aerotech-ensemble</td><td>sim:" in _shows(rig)
         rotation = rig.only("rotation")
         rotation.home()
         rotation.move_to(3.0)
@@ -38,12 +39,16 @@ def test_a_rig_is_opened_moved_and_left_safe() -> None:
 def test_a_campaign_runs_and_its_store_gives_the_same_result_again(tmp_path: Path) -> None:
     campaign = rigctl.Campaign(CAMPAIGNS / "one-axis.toml")
     assert campaign.dry_run()["runs_planned"] > 0
+    assert f"<td>{CAMPAIGNS / 'one-axis.toml'}</td>" in _shows(campaign)
     store = tmp_path / "one.rig.sqlite"
     result = campaign.run(store, unattended=True, seed=3)
     assert campaign.status(store)["state"] == "done"
     again = rigctl.Campaign.result(store)
     assert again.as_json() == result.as_json()
     shown = _shows(rigctl.Campaign.show(store))
+    with rigctl.Store.open(store, readonly=True) as opened:
+        pass
+    assert str(store) in _shows(opened)
     assert "<table>" in shown
     assert "<figure>" in shown
     assert result.fit.result.verdict == "converged"
