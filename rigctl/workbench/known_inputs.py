@@ -24,7 +24,7 @@ class KnownInputs:
 
 
 @runtime_checkable
-class HasKnownInputs(Model, Protocol):
+class HasKnownInputs(Protocol):
     """A model with such inputs."""
 
     @property
