@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup wheel certificates console-operator console-looks console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
+.PHONY: setup wheel docs docs-figures certificates console-operator console-looks console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -45,6 +45,12 @@ types: setup
 
 imports: setup
 	$(BIN)/lint-imports
+
+# The site of docs/ in out/site, its notebook run; a link that leads nowhere, or a page that no contents lead to, is an error. Half a minute.
+# A fresh one each time: pages that have not changed would not warn again.
+docs: setup
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --fresh-env \
+	  --doctree-dir out/site-doctrees docs out/site
 
 # By files: what the tests of a file share, a measured campaign for example, is made once and not by each worker.
 # Three workers on two cores: tests of the console and of served instruments wait as often as they work. One thread of
@@ -112,6 +118,30 @@ console-pictures: setup
 	rm -f out/one-axis.rig.sqlite*
 	$(BIN)/rigctl run campaigns/one-axis.toml --store out/one-axis.rig.sqlite --yes
 	$(BIN)/python -m tests.console.draw out/one-axis.rig.sqlite
+
+# The figures of the pages, as `rigctl report` and `rigctl noise` draw them of what the pages tell to run: some minutes.
+FIGURES := out/figures
+docs-figures: setup console-pictures
+	mkdir -p $(FIGURES)
+	rm -f $(STORE)* out/hidden.rig.sqlite* out/unknown.rig.sqlite* out/microscope.rig.sqlite*
+	$(BIN)/rigctl run campaigns/isa-flight-model.toml --store $(STORE) --yes
+	$(BIN)/rigctl report $(STORE) --figures $(FIGURES)/isa
+	cp $(FIGURES)/isa/fig12_X_pendulum.svg docs/img/null-search.svg
+	cp $(FIGURES)/isa/fig15.svg docs/img/plane-x.svg
+	cp $(FIGURES)/isa/budget.svg docs/img/budget.svg
+	$(BIN)/rigctl run campaigns/hidden-effect.toml --store out/hidden.rig.sqlite --yes
+	$(BIN)/rigctl model add out/hidden.rig.sqlite quadratic cable-hysteresis
+	$(BIN)/rigctl report out/hidden.rig.sqlite --figures $(FIGURES)/hidden
+	cp $(FIGURES)/hidden/residuals_approach.svg docs/img/hidden-approach.svg
+	$(BIN)/rigctl import examples/unknown-effect --store out/unknown.rig.sqlite
+	$(BIN)/rigctl model add out/unknown.rig.sqlite resonance roll-gravity
+	$(BIN)/rigctl model add out/unknown.rig.sqlite pressure-gain --plugin examples/unknown-effect/my_effect.py
+	$(BIN)/rigctl report out/unknown.rig.sqlite --plugin examples/unknown-effect/my_effect.py --figures $(FIGURES)/unknown
+	cp $(FIGURES)/unknown/ladder.svg docs/img/unknown-ladder.svg
+	cp $(FIGURES)/unknown/residuals_pressure_hpa.svg docs/img/unknown-pressure.svg
+	$(BIN)/rigctl run campaigns/microscope.toml --store out/microscope.rig.sqlite --yes
+	$(BIN)/rigctl noise out/microscope.rig.sqlite --run 1 --channel m1_y --above 0.3 --figures $(FIGURES)/noise
+	cp $(FIGURES)/noise/density_run_1_m1_y.svg docs/img/noise-density.svg
 
 # Every screen in every theme, at three sizes and without colour, in out/console-looks: to be looked at.
 THEMES := rigctl-dark rigctl-light rigctl-contrast rigctl-night

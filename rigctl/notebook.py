@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl import runner
-from rigctl.analysis.measurement_result import MeasurementResult
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
@@ -15,7 +14,21 @@ from rigctl.exchange.frames import run_dataset, runs_frame
 from rigctl.experiments.analysis import Result, analysis_of, measurement_result_of
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
-from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
+from rigctl.report import html
+from rigctl.report.notebook import (
+    Ladder,
+    ShownComparison,
+    ShownDiagnosis,
+    ShownFit,
+    ShownMeasurement,
+    ShownResult,
+    shown_comparison,
+    shown_diagnosis,
+    shown_fit,
+    shown_measurement,
+    shown_result,
+)
+from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.model.versions import ModelVersion
 from rigctl.workbench.workbench import ALPHA
 
@@ -30,6 +43,10 @@ class Campaign:
     def __init__(self, path: Path | str, rig: Path | str | None = None) -> None:
         self.file = read_campaign(Path(path))
         self.rig_file = read_rig(Path(rig) if rig else self.file.rig_path)
+
+    def _repr_html_(self) -> str:
+        rows = [[self.file.title, self.file.experiment, str(self.file.path), str(self.rig_file.path)]]
+        return html.table(ResultTable("Campaign", ["title", "experiment", "campaign file", "rig file"], rows))
 
     def dry_run(self, plugins: Sequence[Path | str] = ()) -> dict[str, Any]:
         """What would be done, checked against the rig's limits."""
@@ -74,13 +91,19 @@ class Campaign:
             return analysis_of(workbench.store.header.experiment, workbench.store.path).analyse(workbench)
 
     @staticmethod
-    def measured(store: Path | str, plugins: Sequence[Path | str] = ()) -> MeasurementResult:
+    def measured(store: Path | str, plugins: Sequence[Path | str] = ()) -> ShownMeasurement:
         """What a certificate of a store certifies: quantities, and every source of their uncertainty.
 
         `rigctl.exchange.uncertain_numbers` makes numbers of `uncertainties` or `GTC` of it.
         """
         with opened_workbench(store, plugins) as workbench:
-            return measurement_result_of(workbench)
+            return shown_measurement(measurement_result_of(workbench))
+
+    @staticmethod
+    def show(store: Path | str, plugins: Sequence[Path | str] = ()) -> ShownResult:
+        """The tables and figures of a store's result, as a report has them, in a notebook."""
+        with opened_workbench(store, plugins) as workbench:
+            return shown_result(workbench)
 
     @staticmethod
     def runs(store: Path | str) -> DataFrame:
@@ -95,16 +118,16 @@ class Campaign:
             return run_dataset(opened, run_id)
 
     @staticmethod
-    def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> Comparison:
+    def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> ShownComparison:
         """A store's current model beside its data: where does it fail?"""
         with opened_workbench(store, plugins) as workbench:
-            return workbench.compare()
+            return shown_comparison(workbench.compare())
 
     @staticmethod
-    def diagnose(store: Path | str, *, alpha: float = ALPHA, plugins: Sequence[Path | str] = ()) -> Diagnosis:
+    def diagnose(store: Path | str, *, alpha: float = ALPHA, plugins: Sequence[Path | str] = ()) -> ShownDiagnosis:
         """Which physical effect is missing? Adds nothing."""
         with opened_workbench(store, plugins) as workbench:
-            return workbench.diagnose(alpha)
+            return shown_diagnosis(workbench.diagnose(alpha))
 
     @staticmethod
     def add(store: Path | str, *effects: str, plugins: Sequence[Path | str] = ()) -> list[ModelVersion]:
@@ -119,16 +142,16 @@ class Campaign:
             return workbench.remove(effects)
 
     @staticmethod
-    def fit(store: Path | str, plugins: Sequence[Path | str] = ()) -> ModelFit:
+    def fit(store: Path | str, plugins: Sequence[Path | str] = ()) -> ShownFit:
         """A store's current model, fitted."""
         with opened_workbench(store, plugins) as workbench:
-            return workbench.fit()
+            return shown_fit(workbench.fit())
 
     @staticmethod
-    def history(store: Path | str, plugins: Sequence[Path | str] = ()) -> list[dict[str, Any]]:
+    def history(store: Path | str, plugins: Sequence[Path | str] = ()) -> Ladder:
         """The error ladder, as `rigctl model history --json` gives it."""
         with opened_workbench(store, plugins) as workbench:
-            return workbench.history()
+            return Ladder(workbench.history())
 
 
 def _paths(plugins: Sequence[Path | str]) -> tuple[Path, ...]:

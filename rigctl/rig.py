@@ -74,6 +74,14 @@ class Rig:
         """A rig from its file, closed; `ConfigError` when the file is wrong."""
         return cls(read_rig(Path(path)), seed=seed)
 
+    def _repr_html_(self) -> str:
+        from rigctl.report import html
+        from rigctl.report.tables.result_table import ResultTable
+
+        rows = [[name, each.role, each.driver, each.address] for name, each in self.file.instruments.items()]
+        instruments = ResultTable("Instruments", ["instrument", "role", "driver", "address"], rows)
+        return html.paragraph(self.file.rig.name) + html.table(instruments)
+
     def __enter__(self) -> Rig:
         # Before anything is connected, by a stop for example.
         self.wire_logs.prepare("in charge")

@@ -268,6 +268,21 @@ def _anchors(text: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
+def test_every_page_is_among_the_contents_of_the_site() -> None:
+    """`make docs` says it too, but not before everything has been built."""
+    linked = set(re.findall(r"\]\(([\w-]+\.(?:md|ipynb))\)", _doc("index.md")))
+    pages = {path.name for path in (ROOT / "docs").iterdir() if path.suffix in {".md", ".ipynb"}}
+    assert linked == pages - {"index.md"}
+
+
+def test_the_notebook_keeps_no_outputs() -> None:
+    """They are made with every build: decision 075."""
+    cells = json.loads(_doc("notebook.ipynb"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert code
+    assert [cell["source"] for cell in code if cell["outputs"] or cell["execution_count"]] == []
+
+
 @pytest.mark.parametrize("path", DOCS, ids=IDS)
 def test_toml_examples_parse(path: Path) -> None:
     for example in re.findall(r"^```toml\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import rigctl
+from rigctl import Campaign
+from rigctl.campaign.bundle.bundle import import_bundle
 
-CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
+ROOT = Path(__file__).parents[1]
+CAMPAIGNS = ROOT / "campaigns"
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """NIST's load cell, of which a line is not enough."""
+    store = tmp_path_factory.mktemp("cell") / "cell.rig.sqlite"
+    import_bundle(ROOT / "examples" / "pontius", store).close()
+    return store
 
 
 def test_a_rig_is_opened_moved_and_left_safe() -> None:
     with rigctl.Rig.from_file(CAMPAIGNS / "isa-rig.toml") as rig:
+        assert "<td>linear</td><td>aerotech-ensemble</td><td>sim:" in _shows(rig)
         rotation = rig.only("rotation")
         rotation.home()
         rotation.move_to(3.0)
@@ -24,14 +39,79 @@ def test_a_rig_is_opened_moved_and_left_safe() -> None:
 def test_a_campaign_runs_and_its_store_gives_the_same_result_again(tmp_path: Path) -> None:
     campaign = rigctl.Campaign(CAMPAIGNS / "one-axis.toml")
     assert campaign.dry_run()["runs_planned"] > 0
+    assert f"<td>{CAMPAIGNS / 'one-axis.toml'}</td>" in _shows(campaign)
     store = tmp_path / "one.rig.sqlite"
     result = campaign.run(store, unattended=True, seed=3)
     assert campaign.status(store)["state"] == "done"
     again = rigctl.Campaign.result(store)
     assert again.as_json() == result.as_json()
+    shown = _shows(rigctl.Campaign.show(store))
+    with rigctl.Store.open(store, readonly=True) as opened:
+        pass
+    assert str(store) in _shows(opened)
+    assert "<table>" in shown
+    assert "<figure>" in shown
     assert result.fit.result.verdict == "converged"
 
 
 def test_an_unknown_name_is_no_part_of_the_package() -> None:
     with pytest.raises(AttributeError, match="nonsense"):
         _ = rigctl.nonsense
+
+
+def _shows(shown: object) -> str:
+    """What a notebook shows of an object."""
+    text = shown._repr_html_()  # type: ignore[attr-defined]
+    assert isinstance(text, str)
+    for tag in ("table", "figure", "p"):
+        assert text.count(f"<{tag}>") + text.count(f"<{tag} ") == text.count(f"</{tag}>")
+    return text
+
+
+def test_a_comparison_shows_where_the_model_fails(cell: Path) -> None:
+    shown = Campaign.compare(cell)
+    text = _shows(shown)
+    assert "The model does not describe the data: chi2/dof = " in text
+    assert re.search(r"<td>deflection_in</td>.*FAILS", text)
+    assert len(shown.plot().rows) == 40
+    assert "against load" in text
+    frame = shown.frame()
+    assert frame.shape == (40, 5)
+    # A line through a parabola: the ends are on one side, the middle on the other.
+    by_load = frame.groupby("load_lb").residual_sigma.mean()
+    assert by_load.iloc[0] < 0.0 < by_load.iloc[len(by_load) // 2]
+    with pytest.raises(KeyError):
+        shown.plot("temperature_c")
+
+
+def test_a_diagnosis_shows_its_candidates(cell: Path) -> None:
+    shown = Campaign.diagnose(cell)
+    text = _shows(shown)
+    assert "power2[load_lb]" in text
+    assert text.count("<figure>") == 1
+    assert isinstance(shown.plot().draw(shown.plot().rows), Figure)
+    assert shown.frame().effect[0] == "power2[load_lb]"
+
+
+def test_a_ladder_falls_in_table_figure_and_frame(cell: Path) -> None:
+    Campaign.add(cell, "power2[load_lb]")
+    ladder = Campaign.history(cell)
+    frame = ladder.frame()
+    assert frame.index.tolist() == [1, 2]
+    assert frame.error_held_out.iloc[1] == pytest.approx(1.0, abs=0.1)
+    assert frame.error_held_out.iloc[0] > 5.0
+    text = _shows(ladder)
+    assert "+ power2[load_lb]" in text
+    assert text.count("<figure>") == 1
+    assert [row.version for row in ladder.plot().rows] == [1, 2]
+
+
+def test_a_fit_and_what_is_measured_are_tables(cell: Path) -> None:
+    fit, measured = Campaign.fit(cell), Campaign.measured(cell)
+    assert "<td>b1</td>" in _shows(fit)
+    assert fit.frame().value["b1"] == fit.parameters["b1"].value
+    assert "noise of deflection_in" in _shows(measured)
+    frame = measured.frame()
+    assert frame.U.to_numpy() == pytest.approx((frame.k * frame.u).to_numpy())
+    assert np.array_equal(frame["u by noise of deflection_in"], frame.u)
+    assert "what the term says" in _shows(Campaign.show(cell))

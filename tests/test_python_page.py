@@ -136,6 +136,17 @@ def frames(names: Names, printed: str) -> None:
     assert printed.endswith("0.00000073206(16)\n")
 
 
+def constants(names: Names, printed: str) -> None:
+    # gain = slope / (gravity * (1 - buoyancy)): the constants' relative uncertainties are the gain's.
+    _, gravity, buoyancy = names["Campaign"].measured("masses.rig.sqlite").sources
+    gain = names["Campaign"].fit("masses.rig.sqlite").parameters["gain"]
+    assert gain.value == pytest.approx(0.1961 / 9.8127, rel=1e-3)
+    assert gravity.standard_uncertainty[1] == pytest.approx(gain.value * 0.0002 / 9.8127, rel=1e-6)
+    known = names["constants"]["buoyancy"]
+    assert buoyancy.standard_uncertainty[1] == pytest.approx(gain.value * known.u / (1.0 - known.value), rel=1e-6)
+    assert printed.startswith("noise of output_mv [")
+
+
 def nulls(names: Names, printed: str) -> None:
     assert len(names["result"].fit.nulls()) == 6
     assert names["budget"].expanded.shape == (2,)
@@ -175,6 +186,7 @@ PROMISES: dict[str, Callable[[Names, str], None]] = {
     "A table, and an effect of your own 1": table,
     "A table, and an effect of your own 2": own,
     "Frames, datasets, uncertain numbers 1": frames,
+    "Frames, datasets, uncertain numbers 2": constants,
     "Nulls, observables, budget 1": nulls,
     "Nulls, observables, budget 2": figures,
     "Bundles 1": bundle,

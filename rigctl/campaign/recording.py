@@ -7,9 +7,10 @@ disk). Both are a `RunSource`, so what reads runs does not care which it has bee
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rigctl.campaign.table_constants import TableConstant, TableConstants, flaw_of_constants
 from rigctl.core.errors import DataError
 
 if TYPE_CHECKING:
@@ -61,7 +62,8 @@ class TableSpec:
     """What a `table` recording asks: `response` as the expression `baseline` over columns and parameters.
 
     `sigma` names the column of standard uncertainties, in the response's unit; `batch` columns whose readings share
-    an unknown offset where they share a value, nested in this order.
+    an unknown offset where they share a value, nested in this order. `constants` are names in the baseline that are
+    neither columns nor parameters.
     """
 
     response: str
@@ -71,6 +73,7 @@ class TableSpec:
     block: str | None = None
     sigma: str | None = None
     batch: Sequence[str] = ()
+    constants: TableConstants = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,23 @@ class Header:
     def table(self) -> TableSpec | None:
         """The question of a `table` recording; None in any other."""
         spec = self.extra.get("table")
-        return None if spec is None else TableSpec(**spec)
+        if spec is None:
+            return None
+        constants = {name: TableConstant(**stated) for name, stated in spec.get("constants", {}).items()}
+        return TableSpec(**{**spec, "constants": constants})
+
+    def with_constants(self, constants: TableConstants) -> Header:
+        """The same with these constants in the baseline of its table; `DataError` for some that cannot be."""
+        table = self.extra.get("table")
+        if table is None:
+            raise DataError(
+                f"a {self.experiment} recording has no baseline that constants could be in; leave them out"
+            )
+        if flaw := flaw_of_constants(constants):
+            keys, why = flaw
+            raise DataError(f"{'.'.join(('constants', *keys))} {why}")
+        stated = {name: constant.as_json() for name, constant in constants.items()}
+        return replace(self, extra={**self.extra, "table": {**table, "constants": stated}})
 
 
 @dataclass(frozen=True)

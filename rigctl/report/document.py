@@ -247,6 +247,12 @@ def _candidates(evidence: Evidence) -> Iterator[str]:
             yield html.listing(f"{effect}: {reason}" for effect, reason in diagnosis[key].items())
 
 
+def result_pieces(bench: Workbench) -> Iterator[str]:
+    """The tables and figures of a store's result."""
+    lines_hz = [float(term.choice["frequency_hz"]) for term in bench.current.terms if "frequency_hz" in term.choice]
+    return _result(bench.store, _drawn(bench, lines_hz, ()))
+
+
 def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
     """Without those that show what an earlier one shows: the paper's figure 12 is that of one of the mountings."""
     return [plate for i, plate in enumerate(plates) if all(plate.rows != earlier.rows for earlier in plates[:i])]

@@ -74,13 +74,17 @@ def _slopes(attempt: Attempt, covariance: FloatArray, found: Mapping[str, Any]) 
 
 
 def parameter_sources(attempt: Attempt) -> list[Source]:
-    """What each pool of noise, and each prior, does to the parameters of a fit; covariances (m, m) in their units."""
+    """What each pool of noise, each prior and each known input does to the parameters of a fit; covariances (m, m) in
+    their units."""
     covariance, jacobian = attempt.result.covariance, attempt.jacobian
     found = []
     for name, kind, rows, dof, origin in _rows(attempt):
         moved = covariance @ jacobian[rows].T if rows.dtype.kind in "iu" else covariance @ (rows @ jacobian).T
         # Readings have noise of their own each time, also where its size is stated.
         found.append(Source(name, kind, moved @ moved.T, dof, origin=origin, common=name == PRIORS))
+    for inputs, by_inputs in attempt.by_inputs:
+        said = ", ".join(f"{u:.3g}" for u in np.sqrt(np.diag(inputs.covariance)))
+        found.append(Source(", ".join(inputs.names), "B", by_inputs, inputs.dof, said, "constants of the baseline"))
     return [each for each in found if np.any(each.standard_uncertainty > 0.0)]
 
 

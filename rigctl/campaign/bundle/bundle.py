@@ -15,6 +15,7 @@ from rigctl.campaign.recording import Header, ImportReport, Recording, RunSource
 from rigctl.campaign.store import synced
 from rigctl.campaign.store.entries import IMPORTED
 from rigctl.campaign.store.store import Store
+from rigctl.campaign.table_constants import TableConstants
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.core.experiments import of_readings
@@ -37,9 +38,10 @@ def read_bundle(path: Path) -> Recording:
     return Recording(reader.header, tuple(record for record, _ in runs), columns, reader.report)
 
 
-def import_bundle(path: Path, store_path: Path) -> Store:
+def import_bundle(path: Path, store_path: Path, constants: TableConstants | None = None) -> Store:
     """A new store with the recording in the bundle at `path`; `import_report` tells what was found.
 
+    `constants` of a table's baseline stand in place of those of its recording.toml.
     Runs are read one at a time. `DataError` as `read_bundle`, and when `store_path` exists; then nothing is left.
     """
     if store_path.exists():
@@ -50,7 +52,8 @@ def import_bundle(path: Path, store_path: Path) -> Store:
     partial = store_path.with_name(f".{store_path.name}.{os.getpid()}")
     try:
         with open_bundle(path) as files:
-            _fill(partial, BundleReader(files))
+            reader = BundleReader(files)
+            _fill(partial, reader, reader.header if constants is None else reader.header.with_constants(constants))
         partial.rename(store_path)
     # Ctrl-C too: whatever ends an import must not leave part of a store.
     except BaseException:
@@ -60,8 +63,8 @@ def import_bundle(path: Path, store_path: Path) -> Store:
     return Store.open(store_path)
 
 
-def _fill(path: Path, reader: BundleReader) -> None:
-    with Store.create(path, reader.header) as store:
+def _fill(path: Path, reader: BundleReader, header: Header) -> None:
+    with Store.create(path, header) as store:
         for record, samples in reader.runs():
             with store.begin_run(record.key, record.step, record.conditions, record.run_id) as writer:
                 for piece in _pieces(samples):

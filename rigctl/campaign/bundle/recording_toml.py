@@ -14,6 +14,7 @@ from rigctl.campaign.bundle.csv_table import decode
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.layout import FACES
 from rigctl.campaign.recording import OWN_CLOCK, ChannelInfo, Header, LaserInfo, TableSpec
+from rigctl.campaign.table_constants import TableConstant, flaw_of_constants
 from rigctl.core.errors import DataError, either
 from rigctl.core.experiments import EXPERIMENTS, of_readings
 from rigctl.core.numbers import MAGNITUDE_MAX
@@ -209,10 +210,12 @@ def _table_spec(document: TomlDocument) -> dict[str, Any]:
         if name not in values:
             raise document.error(("table",), f"has no {name}; add it")
     start = _section(document, ("table", "start"))
-    texts = {k: _text(document, ("table", k), v) for k, v in values.items() if k not in {"start", "batch"}}
+    others = {"start", "batch", "constants"}
+    texts = {k: _text(document, ("table", k), v) for k, v in values.items() if k not in others}
     return {
         **texts,
         **_batch(document, values),
+        **_table_constants(document),
         "start": {k: _number(document, ("table", "start", k), v) for k, v in start.items()},
     }
 
@@ -224,6 +227,32 @@ def _batch(document: TomlDocument, values: Mapping[str, Any]) -> dict[str, list[
     if not isinstance(columns, list) or not all(isinstance(name, str) for name in columns):
         raise document.error(("table", "batch"), f'is {columns!r}; write a list of columns, such as ["lot"]')
     return {"batch": columns}
+
+
+def _table_constants(document: TomlDocument) -> dict[str, Any]:
+    keys = ("table", "constants")
+    constants = {name: _table_constant(document, (*keys, name)) for name in _section(document, keys)}
+    if flaw := flaw_of_constants(constants):
+        raise document.error((*keys, *flaw[0]), flaw[1])
+    return {"constants": {name: constant.as_json() for name, constant in constants.items()}} if constants else {}
+
+
+def _table_constant(document: TomlDocument, keys: tuple[str, ...]) -> TableConstant:
+    values = _section(document, keys)
+    known = list(TableConstant.__dataclass_fields__)
+    for name in values:
+        if name not in known:
+            raise document.error((*keys, name), f"is unknown; the keys are {', '.join(known)}")
+    if "value" not in values:
+        raise document.error(keys, "has no value; add it")
+    numbers = {
+        name: _number(document, (*keys, name), value) for name, value in values.items() if name != "correlation"
+    }
+    correlation = {
+        name: _number(document, (*keys, "correlation", name), value)
+        for name, value in _section(document, (*keys, "correlation")).items()
+    }
+    return TableConstant(**numbers, correlation=correlation)
 
 
 def _require_item(document: TomlDocument) -> None:

@@ -11,6 +11,7 @@ import json
 import sqlite3
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -69,6 +70,11 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _repr_html_(self) -> str:
+        # Without its runs: a notebook may show a store that is closed.
+        said = (self.header.title, self.header.experiment, self.header.started, str(self.path))
+        return f"<p>{escape('; '.join(filter(None, said)))}</p>"
 
     # Runs
 

@@ -7,6 +7,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -36,6 +37,11 @@ class Plate(Generic[Row]):
         svg.write_text(self.svg, encoding="utf-8")
         _write_csv(table, self.rows)
         return [svg, table]
+
+    def _repr_html_(self) -> str:
+        # In a notebook's own ink on its own paper.
+        svg = svg_element(self).replace("#000000", "currentColor").replace("#ffffff", "none")
+        return f"<figure>{svg}<figcaption>{escape(self.caption)}</figcaption></figure>"
 
     @cached_property
     def svg(self) -> str:

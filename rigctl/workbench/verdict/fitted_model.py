@@ -9,18 +9,19 @@ from functools import cached_property
 
 import numpy as np
 
-from rigctl.analysis.least_squares import FitResult, Parameter, least_squares
+from rigctl.analysis.least_squares import FitResult, Parameter
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import UNFIT, ProcedureError
 from rigctl.workbench.findings import Estimate
+from rigctl.workbench.known_inputs import HasKnownInputs, KnownInputs
 from rigctl.workbench.other_minima import HasOtherMinima
 from rigctl.workbench.study import Model
 from rigctl.workbench.verdict.absorbed import absorbed_parameters
 from rigctl.workbench.verdict.held_out import HeldOut
 from rigctl.workbench.verdict.noise import Noise, orthonormal
+from rigctl.workbench.verdict.propagated import propagated
 from rigctl.workbench.verdict.score import UNDETERMINED, Projector, p_of
-
-MAX_ITERATIONS = 80
+from rigctl.workbench.verdict.whitened_fit import whitened_least_squares
 
 _ELSEWHERE = 3.0
 """Sigmas beyond which another place is another minimum."""
@@ -127,8 +128,17 @@ class FittedModel:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """How well the parameters are known."""
-        return Uncertainty(self.result.covariance, {})
+        """How well the parameters are known: by the data, and by the model's inputs."""
+        by_inputs = sum((covariance for _, covariance in self.by_inputs), np.zeros_like(self.result.covariance))
+        return Uncertainty(self.result.covariance + by_inputs, {})
+
+    @cached_property
+    def by_inputs(self) -> Sequence[tuple[KnownInputs, FloatArray]]:
+        """Each group of inputs of the model, and the covariance (m, m) of the parameters that comes from it."""
+        model = self.model
+        if not isinstance(model, HasKnownInputs):
+            return ()
+        return [(each, propagated(model, self.noise, self.result, each)) for each in model.known_inputs]
 
     def estimates(self) -> dict[str, Estimate]:
         """Parameters by name."""
@@ -219,17 +229,6 @@ def scanned_parameters(model: Model) -> frozenset[str]:
     """Parameters of terms that a scan has found; they have priors."""
     pairs = zip(model.parameters, model.owners, strict=True)
     return frozenset(each.name for each, owner in pairs if owner and each.prior is not None)
-
-
-def whitened_least_squares(model: Model, noise: Noise, parameters: Sequence[Parameter]) -> FitResult:
-    """The parameters that explain the data best in units of their noise."""
-    value = model.observations.value
-    return least_squares(
-        lambda p: noise.whiten(value - model.predict(p)),
-        parameters,
-        jacobian=lambda p: -noise.whiten(model.jacobian(p)),
-        max_iterations=MAX_ITERATIONS,
-    )
 
 
 def _fit(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]) -> FitResult:

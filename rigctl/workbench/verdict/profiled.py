@@ -19,7 +19,8 @@ from rigctl.analysis.least_squares import FitResult, Parameter
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import UNFIT
 from rigctl.workbench.study import ScansWithin, Term
-from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, whitened_least_squares
+from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty
+from rigctl.workbench.verdict.whitened_fit import whitened_least_squares
 
 ITS_OWN = 0.2
 """Of the prior's sigma: data that know a place that well owe the prior 4 % at most, and see no more than they use."""

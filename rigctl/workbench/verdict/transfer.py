@@ -12,7 +12,7 @@ from rigctl.core.errors import DataError
 from rigctl.workbench.findings import Estimate
 from rigctl.workbench.study import Model, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
-from rigctl.workbench.verdict.fitted_model import whitened_least_squares
+from rigctl.workbench.verdict.whitened_fit import whitened_least_squares
 
 
 @dataclass(frozen=True)

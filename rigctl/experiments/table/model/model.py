@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Any
@@ -18,6 +18,7 @@ from rigctl.experiments.table.model.scanned import Periodic, Scanned, Step
 from rigctl.experiments.table.model.step_place import place_sigma
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
+from rigctl.workbench.known_inputs import KnownInputs
 from rigctl.workbench.study import Observations, Term
 from rigctl.workbench.study_base import parameters_as_json
 
@@ -76,6 +77,15 @@ class TableModel:
     def local(self) -> Sequence[bool]:
         """A table's parameters hold for all of it."""
         return [False] * len(self.owners)
+
+    @property
+    def known_inputs(self) -> Sequence[KnownInputs]:
+        """The uncertain constants of the baseline."""
+        return self.readings.known_inputs
+
+    def with_inputs(self, values: Mapping[str, float]) -> TableModel:
+        """The same model with other values of some of these."""
+        return replace(self, readings=self.readings.with_constants(values))
 
     def predict(self, values: FloatArray) -> FloatArray:
         """The response, shape (n,); NaN or infinite where undefined."""

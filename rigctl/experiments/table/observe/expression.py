@@ -9,7 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.experiments.table.observe.syntax import Name, Node, Number, Operation, flaw, leaves, names, parse
+from rigctl.experiments.table.observe.syntax import (
+    Name,
+    Node,
+    Number,
+    Operation,
+    flaw,
+    leaves,
+    names,
+    parse,
+    with_numbers,
+)
 
 _Columns = Mapping[str, FloatArray]
 _Values = Mapping[str, "float | FloatArray"]
@@ -30,16 +40,16 @@ class Undefined:
 
 @dataclass(frozen=True)
 class Expression:
-    """An expression over columns; a name that is no column is a parameter."""
+    """An expression over columns; a name that is no column is a parameter. Constants are numbers in it."""
 
     tree: Node
     columns: tuple[str, ...]
     parameters: tuple[str, ...]
 
     @classmethod
-    def read(cls, text: str, columns: Collection[str]) -> Expression:
-        """Parse `text` over these columns; `DataError` with the character and the mend."""
-        tree = parse(text)
+    def read(cls, text: str, columns: Collection[str], constants: Mapping[str, float] | None = None) -> Expression:
+        """Parse `text` over these columns, with `constants`; `DataError` with the character and the mend."""
+        tree = with_numbers(parse(text), constants or {})
         used = names(tree)
         return cls(
             tree,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,9 +14,11 @@ from rigctl.core.errors import DataError
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
 from rigctl.core.readings import seconds_of_stamps
 from rigctl.core.units import unit_of_column
+from rigctl.experiments.table.observe.constants import known_inputs
 from rigctl.experiments.table.observe.expression import Expression
 from rigctl.experiments.table.observe.rows import readings_of
-from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw
+from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw, names, parse
+from rigctl.workbench.known_inputs import KnownInputs
 
 _WINDOW_POINTS, _WINDOW_FINENESS = 1 << 16, 16
 _WINDOW_LOW, _WINDOW_HIGH = 0.25, 0.5
@@ -163,6 +165,16 @@ class Readings:
         # Without any column of numbers an expression cannot know how many readings there are.
         return np.broadcast_to(value, (n,)).copy(), np.broadcast_to(slopes, (n, slopes.shape[1])).copy()
 
+    @cached_property
+    def known_inputs(self) -> tuple[KnownInputs, ...]:
+        """The uncertain constants of the baseline."""
+        return known_inputs(self.spec.constants)
+
+    def with_constants(self, values: Mapping[str, float]) -> Readings:
+        """The same readings with other values of some of the baseline's constants, by name."""
+        constants = {**_values(self.spec), **values}
+        return replace(self, expression=Expression.read(self.spec.baseline, self.expression.columns, constants))
+
     @property
     def order(self) -> Column | None:
         """The column that orders the readings; None when they are in no order that means anything."""
@@ -258,7 +270,8 @@ def _require_uncertainties(samples: dict[str, FloatArray], spec: TableSpec) -> N
 
 
 def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expression:
-    expression = Expression.read(spec.baseline, numeric)
+    _require_constants(spec, numeric | texts)
+    expression = Expression.read(spec.baseline, numeric, _values(spec))
     for name in CONSTANTS:
         if name in numeric:
             raise DataError(f"readings.csv: column {name} has the name of a constant; rename the column")
@@ -276,6 +289,24 @@ def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expressi
                 f" its parameters are {', '.join(expression.parameters)}"
             )
     return expression
+
+
+def _values(spec: TableSpec) -> dict[str, float]:
+    """The constants of the baseline by name."""
+    return {name: constant.value for name, constant in spec.constants.items()}
+
+
+def _require_constants(spec: TableSpec, columns: set[str]) -> None:
+    """`DataError` for a constant that the baseline cannot have, or has not."""
+    used = names(parse(spec.baseline)) if spec.constants else ()
+    for name in spec.constants:
+        if name in columns or name in CONSTANTS:
+            what = "is a column of readings.csv" if name in columns else "has its value already"
+            raise DataError(f"recording.toml, [table.constants]: {name} {what}; give the constant another name")
+        if name not in used:
+            raise DataError(
+                f"recording.toml, [table.constants]: {name} is not in the baseline; write it there, or leave it out"
+            )
 
 
 def _unit(header: Header, name: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from rigctl.core.bounds import EXPRESSION_CHARACTERS
@@ -72,6 +72,17 @@ def parse(text: str) -> Node:
 def names(node: Node) -> tuple[str, ...]:
     """The names in a tree but the constants, each once, in the order of the text."""
     return tuple(dict.fromkeys(each.name for each in leaves(node) if each.name not in CONSTANTS))
+
+
+def with_numbers(node: Node, numbers: Mapping[str, float]) -> Node:
+    """The tree with numbers in place of names."""
+    match node:
+        case Name(name, at) if name in numbers:
+            size = Number(abs(numbers[name]), at)
+            return size if numbers[name] >= 0.0 else Operation("-", (size,), at)
+        case Operation(name, operands, at):
+            return Operation(name, tuple(with_numbers(operand, numbers) for operand in operands), at)
+    return node
 
 
 def leaves(node: Node) -> Iterator[Name]:
