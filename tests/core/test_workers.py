@@ -71,7 +71,7 @@ def test_an_item_that_kills_its_workers_is_named_in_one_line() -> None:
 def test_errors_come_back_as_they_were_or_in_words() -> None:
     with pytest.raises(DataError, match=r"^table.csv: line 3: no number$"):
         found_by(work.refused, range(4), Workers(2))
-    with pytest.raises(ProcedureError, match=r"^Awkward: of 0$"):
+    with pytest.raises(ProcedureError, match=r"^Awkward: of [01]$"):
         found_by(work.awkward, range(2), Workers(2))
     with pytest.raises(ZeroDivisionError) as ours:
         found_by(work.divided, range(2), Workers(2))
