@@ -8,10 +8,8 @@ lines, so that an interrupted study goes on where it was.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
-from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +17,7 @@ from machine import machine
 from scipy import stats
 from twin import CAMPAIGNS, twin
 
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from procedures.sensing_axis import sensing_axes
 from procedures.sensing_axis.campaign import plan as plan_of
 from rigctl.analysis.plane import ARCSEC
@@ -94,20 +93,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--campaigns", type=int, default=200)
     parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--processes", type=int, default=2)
+    add_workers(parser, 2)
     parser.add_argument("--keep", type=Path, default=Path("out/accuracy.jsonl"))
     parser.add_argument("--check", action="store_true", help="exit 1 when the uncertainties are not true")
     arguments = parser.parse_args()
-    arguments.keep.parent.mkdir(parents=True, exist_ok=True)
-    kept = [json.loads(line) for line in arguments.keep.read_text().splitlines()] if arguments.keep.exists() else []
     wanted = range(arguments.first_seed, arguments.first_seed + arguments.campaigns)
-    missing = sorted(set(wanted) - {r["seed"] for r in kept})
-    with Pool(arguments.processes) as pool, arguments.keep.open("a") as keep:
-        for rows in pool.imap_unordered(campaign, missing):
-            kept += rows
-            keep.writelines(json.dumps(r) + "\n" for r in rows)
-            keep.flush()
-    p_value = report([r for r in kept if r["seed"] in wanted])
+    missing = sorted(set(wanted) - {r["seed"] for r in rows_in(arguments.keep)})
+    keep_trials(campaign, missing, arguments.keep, workers_of(arguments))
+    p_value = report([r for r in rows_in(arguments.keep) if r["seed"] in wanted])
     if arguments.check and p_value < SMALLEST_P:
         sys.exit(f"stated uncertainties are not true: p = {p_value:.2g}")
 

@@ -1,6 +1,6 @@
 """Does the recommended measurement separate the rivals? Asked and carried out in the simulated world.
 
-    python benchmarks/blind_next.py --trials 40 [--keep FILE] [--processes 1] [--check]
+    python benchmarks/blind_next.py --trials 40 [--keep FILE] [--workers 1] [--check]
 
 Each seed is a rig with one hidden effect, of 6 to 15 sigma of a small scan that does not tell it from another. Where
 the diagnosis is ambiguous, the runs that `rigctl next` recommends are made on the same rig, in the same mounting, and
@@ -21,7 +21,6 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ import numpy as np
 
 from benchmarks.blind_trials import clopper_pearson
 from benchmarks.investigate import KNOWN_TERMS, rig_text
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from rigctl import planning, runner
 from rigctl.campaign.store.store import Store
 from rigctl.composition import study_of, workbench_of
@@ -232,19 +232,14 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--keep", type=Path, default=Path("out/blind-next.jsonl"))
-    parser.add_argument("--processes", type=int, default=1)
+    add_workers(parser, 1)
     parser.add_argument("--check", action="store_true", help="exit 1 when the target is missed beyond doubt")
     given = parser.parse_args()
     known = sizes(Path("out/blind-next-sizes.json"))
     wanted = range(given.first_seed, given.first_seed + given.trials)
-    kept = [json.loads(text) for text in given.keep.read_text().splitlines()] if given.keep.exists() else []
-    rows = {row["seed"]: row for row in kept}
-    given.keep.parent.mkdir(parents=True, exist_ok=True)
-    with Pool(given.processes) as pool, given.keep.open("a", encoding="utf-8") as out:
-        for row in pool.imap_unordered(partial(trial, known), [seed for seed in wanted if seed not in rows]):
-            rows[row["seed"]] = row
-            out.write(json.dumps(row) + "\n")
-            out.flush()
+    done = {row["seed"] for row in rows_in(given.keep)}
+    keep_trials(partial(trial, known), [seed for seed in wanted if seed not in done], given.keep, workers_of(given))
+    rows = {row["seed"]: row for row in rows_in(given.keep)}
     missed = report([rows[seed] for seed in wanted])
     sys.exit("the promise is missed" if missed and given.check else 0)
 

@@ -16,8 +16,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
-from multiprocessing import Pool
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.platform_sampler import SampledRun, record, sampled
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import study_of
 from rigctl.core.errors import RigError
@@ -211,29 +211,23 @@ def main() -> None:
     parser.add_argument("--among", nargs="*", default=())
     parser.add_argument("--alpha", type=float, default=0.01)
     parser.add_argument("--seed", type=int, default=1, help="of the first trial")
-    parser.add_argument("--processes", type=int, default=1)
+    add_workers(parser, 1)
     parser.add_argument("--out", type=Path, default=Path("blind_platform.jsonl"))
     given = parser.parse_args()
     asked = (given.kind, tuple(given.sigma), tuple(given.among), given.alpha)
     key = json.dumps(asked)
-    kept = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
-    done = {score["seed"] for score in kept if score["asked"] == key}
+    done = {score["seed"] for score in rows_in(given.out) if score["asked"] == key}
     wanted = [seed for seed in range(given.seed, given.seed + given.trials) if seed not in done]
-    with Pool(given.processes) as pool, given.out.open("a") as file:
-        for score in pool.imap(_Ask(asked), wanted):
-            file.write(json.dumps({**score, "asked": key}) + "\n")
-            file.flush()
-            print("." if right(score) else f"\n{score}", end="", flush=True)
-    scores = [json.loads(line) for line in given.out.read_text().splitlines()]
-    print("\n" + "\n".join(report([score for score in scores if score["asked"] == key])))
+
+    def shown(score: Mapping[str, Any]) -> None:
+        print("." if right(score) else f"\n{score}", end="", flush=True)
+
+    keep_trials(partial(_noted, asked, key), wanted, given.out, workers_of(given), shown)
+    print("\n" + "\n".join(report([score for score in rows_in(given.out) if score["asked"] == key])))
 
 
-@dataclass(frozen=True)
-class _Ask:
-    asked: Any
-
-    def __call__(self, seed: int) -> dict[str, Any]:
-        return trial(self.asked, seed)
+def _noted(asked: Any, key: str, seed: int) -> dict[str, Any]:
+    return {**trial(asked, seed), "asked": key}
 
 
 if __name__ == "__main__":

@@ -12,14 +12,12 @@ Beside it stands an oracle that knows which effect to look for and the noise, at
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +29,7 @@ from scipy import stats
 from benchmarks.blind_noise import SHAPES, coloured
 from benchmarks.blind_sampler import Design
 from benchmarks.blind_world import draw, record
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import study_of
 from rigctl.core.arrays import FloatArray
@@ -295,12 +294,10 @@ def main() -> int:
     parser.add_argument("--sizes", type=float, nargs="+", default=[0.0])
     parser.add_argument("--colours", nargs="+", default=["white"], choices=sorted(SHAPES))
     parser.add_argument("--design", default="one-mounting", choices=sorted(DESIGNS))
-    parser.add_argument("--processes", type=int, default=2)
+    add_workers(parser, 2)
     parser.add_argument("--keep", type=Path, default=Path("out/blind-reduced.jsonl"))
     options = parser.parse_args()
-    options.keep.parent.mkdir(parents=True, exist_ok=True)
-    rows = [json.loads(line) for line in options.keep.read_text().splitlines()] if options.keep.exists() else []
-    done = {(row["design"], row["colour"], row["size"], row["seed"]) for row in rows}
+    done = {(row["design"], row["colour"], row["size"], row["seed"]) for row in rows_in(options.keep)}
     wanted = [
         (options.design, colour, size, seed)
         for seed in range(1, options.trials + 1)
@@ -308,12 +305,8 @@ def main() -> int:
         for colour in options.colours
         if (options.design, colour, size, seed) not in done
     ]
-    with Pool(options.processes) as pool, options.keep.open("a") as keep:
-        for row in pool.imap_unordered(trial, wanted):
-            rows.append(row)
-            keep.write(json.dumps(row) + "\n")
-            keep.flush()
-    print(report([row for row in rows if row["design"] == options.design]))
+    keep_trials(trial, wanted, options.keep, workers_of(options))
+    print(report([row for row in rows_in(options.keep) if row["design"] == options.design]))
     return 0
 
 

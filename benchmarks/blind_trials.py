@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +26,11 @@ from scipy import stats
 from benchmarks.blind_noise import SHAPES
 from benchmarks.blind_sampler import Design, nulls_deg
 from benchmarks.blind_world import KINDS, Foreign, Trial, Truth, draw, record, unit_sizes
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import study_of
 from rigctl.core.errors import RigError
+from rigctl.core.workers import Workers
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.account import account_of
@@ -213,12 +214,12 @@ def main() -> None:
         "--colour", choices=sorted(SHAPES), help="noise of another colour than the simulated ground's"
     )
     parser.add_argument("--alpha", type=float, default=0.01)
-    parser.add_argument("--processes", type=int, default=2)
+    add_workers(parser, 2)
     parser.add_argument("--keep", type=Path, default=None, help="default out/blind-KIND.jsonl")
     parser.add_argument("--check", action="store_true", help="exit 1 when a target is missed beyond doubt")
     given = parser.parse_args()
     asked = Asked(given.kind, tuple(given.sigma), tuple(given.among), given.colour, given.alpha, Design())
-    missed = report(study(asked, given.first_seed, given.trials, given.keep, given.processes), given.alpha)
+    missed = report(study(asked, given.first_seed, given.trials, given.keep, workers_of(given)), given.alpha)
     if given.check and missed:
         sys.exit(f"missed: {', '.join(missed)}")
 
@@ -228,25 +229,24 @@ def study(
     first_seed: int,
     trials: int,
     keep: Path | None,
-    processes: int,
+    workers: Workers,
     run: Callable[[Asked, int], dict[str, Any]] = trial,
 ) -> list[dict[str, Any]]:
     """The scores of all trials; those in `keep` are not done again."""
     path = keep or Path(f"out/blind-{asked.kind}.jsonl")
-    path.parent.mkdir(parents=True, exist_ok=True)
     setting = json.loads(json.dumps({"kind": asked.kind, "sigma": asked.sigma, "among": asked.among,
                                      "colour": asked.colour, "alpha": asked.alpha}))  # fmt: skip
-    kept = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    rows = [row for row in kept if row["asked"] == setting]
     wanted = range(first_seed, first_seed + trials)
-    missing = sorted(set(wanted) - {row["seed"] for row in rows})
+    missing = sorted(set(wanted) - {row["seed"] for row in rows_in(path) if row["asked"] == setting})
     unit_sizes(asked.design)
-    with Pool(processes) as pool, path.open("a") as out:
-        for row in pool.imap_unordered(partial(run, asked), missing):
-            rows.append({**row, "asked": setting})
-            out.write(json.dumps(rows[-1]) + "\n")
-            out.flush()
-    return [row for row in rows if row["seed"] in wanted]
+    keep_trials(partial(_noted, run, asked, setting), missing, path, workers)
+    return [row for row in rows_in(path) if row["asked"] == setting and row["seed"] in wanted]
+
+
+def _noted(
+    run: Callable[[Asked, int], dict[str, Any]], asked: Asked, setting: dict[str, Any], seed: int
+) -> dict[str, Any]:
+    return {**run(asked, seed), "asked": setting}
 
 
 if __name__ == "__main__":

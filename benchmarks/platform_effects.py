@@ -9,16 +9,16 @@ where that is too small for these runs, the size is told that would have been se
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from multiprocessing import Pool
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks.blind_platform import IN_MODEL, design, nature
 from benchmarks.platform_sampler import sampled
+from benchmarks.trials import add_workers, keep_trials, workers_of
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.findings import Diagnosis, Rank
 from rigctl.workbench.verdict.diagnose import diagnose
@@ -135,29 +135,17 @@ def line_of(score: Mapping[str, Any]) -> str:
     return f"{score['effect']:<23} {sizes}{short}: {score['said']}; {sized}; held out {before:.3g} -> {after:.3g}"
 
 
-@dataclass(frozen=True)
-class _Ask:
-    seed: int
-    alpha: float
-
-    def __call__(self, case: Case) -> dict[str, Any]:
-        return asked(case, self.seed, self.alpha)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--among", nargs="*", default=())
     parser.add_argument("--seed", type=int, default=2013)
     parser.add_argument("--alpha", type=float, default=0.01)
-    parser.add_argument("--processes", type=int, default=1)
+    add_workers(parser, 1)
     parser.add_argument("--out", type=Path, default=Path("platform_effects.jsonl"))
     given = parser.parse_args()
     cases = [case for case in CASES if not given.among or case.effect in given.among]
-    with Pool(given.processes) as pool, given.out.open("a") as file:
-        for score in pool.imap(_Ask(given.seed, given.alpha), cases):
-            file.write(json.dumps(score) + "\n")
-            file.flush()
-            print(line_of(score), flush=True)
+    ask = partial(asked, seed=given.seed, alpha=given.alpha)
+    keep_trials(ask, cases, given.out, workers_of(given), lambda score: print(line_of(score), flush=True))
 
 
 if __name__ == "__main__":

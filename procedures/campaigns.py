@@ -19,6 +19,7 @@ from rigctl.core.clock import Clock
 from rigctl.core.entry_points import resolved
 from rigctl.core.errors import ConfigError
 from rigctl.core.experiments import part_of
+from rigctl.core.workers import Workers
 from rigctl.effects.plugins import Plugin
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.rig_file import RigFile
@@ -96,6 +97,11 @@ class Plan(Protocol):
     def kept(self) -> Mapping[str, Any]:
         """What the recording's header keeps of it beside the campaign file: keys of `Header.extra`."""
         return {}
+
+    def by(self, workers: Workers) -> Plan:
+        """The same work, done by others: what is found is the same. `ConfigError` where instruments do it."""
+        del workers
+        raise ConfigError("instruments do the work of this campaign; leave out --workers and --scheduler")
 
 
 @dataclass(frozen=True)

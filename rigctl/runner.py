@@ -27,6 +27,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.charge import in_charge
 from rigctl.check.required import clearance_of, informed
 from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
+from rigctl.core.workers import Workers
 from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
 from rigctl.files.campaign_file import CampaignFile, parse_campaign
@@ -42,7 +43,8 @@ class Options:
     """How a campaign is run, beyond its files; `plugins` are files with effects of one's own.
 
     `wire_log` is the directory to log the instruments' wires to, in place of the rig file's; `unchecked` starts also
-    with real instruments of which there is no record of a check.
+    with real instruments of which there is no record of a check; `workers` do the work of a study, in place of the
+    campaign file's.
     """
 
     unattended: bool = False
@@ -51,12 +53,13 @@ class Options:
     plugins: tuple[Path, ...] = ()
     wire_log: Path | None = None
     unchecked: bool = False
+    workers: Workers | None = None
 
 
 def start(campaign: CampaignFile, rig_file: RigFile, store_path: Path, options: Options) -> None:
     """Run a campaign into a new store; everything is checked before anything is connected, let alone moves."""
     plugins = [load(path) for path in options.plugins]
-    plan = _plan(campaign, None, plugins)
+    plan = _plan(campaign, None, plugins, options.workers)
     clearance = clearance_of(rig_file, unchecked=options.unchecked)
     # Made and planned for before the store exists: a plan that the rig refuses leaves nothing behind.
     rig = Rig(clearance.informed().with_wire_log(options.wire_log), seed=options.seed)
@@ -99,7 +102,7 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
         mounted = campaigns_of(campaign.experiment, campaign.path).mounted(store)
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, mounted, _brought(campaign, plugins))
-        plan = _plan(campaign, part, plugins)
+        plan = _plan(campaign, part, plugins, options.workers)
         with _reopened(store, plan, campaign, part, options) as (rig, work, control, began_s):
             # Only with the rig in our hands: a further campaign that could not begin must not be kept as begun.
             begin_part(store, part, began_s)
@@ -123,7 +126,7 @@ def resume(store_path: Path, options: Options) -> None:
         part = parts_of(store)[-1]
         campaign = parse_campaign(part.toml, store_path)
         # Also the plug-ins the campaign was begun with: without them its model is another.
-        plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
+        plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins), options.workers)
         with _reopened(store, plan, campaign, part, options) as (rig, work, control, _):
             store.add_event("resumed", {"after": store.status().get("state", "")}, rig_time.latest_s(store))
             _carry_out(store, rig, work, control, options, part)
@@ -166,9 +169,11 @@ def _brought(campaign: CampaignFile, plugins: Sequence[Plugin]) -> Plugins:
     }
 
 
-def dry_run(campaign: CampaignFile, rig_file: RigFile, plugins: Sequence[Path] = ()) -> dict[str, Any]:
+def dry_run(
+    campaign: CampaignFile, rig_file: RigFile, plugins: Sequence[Path] = (), workers: Workers | None = None
+) -> dict[str, Any]:
     """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
-    plan = _plan(campaign, None, [load(path) for path in plugins])
+    plan = _plan(campaign, None, [load(path) for path in plugins], workers)
     rig = Rig(rig_file)
     _work(plan, rig, campaign)
     return {
@@ -180,13 +185,14 @@ def dry_run(campaign: CampaignFile, rig_file: RigFile, plugins: Sequence[Path] =
     }
 
 
-def _plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+def _plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin], workers: Workers | None) -> Plan:
     brought = [effect for plugin in plugins for effect in plugin.effects.values()]
     try:
         chosen(campaign.experiment, campaign.model.effects, brought)
     except ConfigError as error:
         raise ConfigError(f"{campaign.path}: model.effects: {error}") from None
-    return plan_of(campaign, part, plugins)
+    plan = plan_of(campaign, part, plugins)
+    return plan if workers is None else plan.by(workers)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The Monte Carlo study of the in-flight calibration: many draws, on all cores or on a cluster.
+"""The Monte Carlo study of the in-flight calibration: many draws, by all cores or by a cluster.
 
 Draws come in blocks that are flown at once: all sessions of a block, then its estimates. What is reduced is in the
 store, so that an interrupted study goes on with what is left. What comes out does not depend on where a unit was run.
@@ -6,13 +6,10 @@ store, so that an interrupted study goes on with what is left. What comes out do
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
-from threading import Event
-from typing import Any, Protocol, cast
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 from procedures.campaigns import Instruments, Plan, Work
 from procedures.inflight.bench import Flight, flight_of
@@ -21,8 +18,9 @@ from procedures.inflight.tables import MonteCarlo
 from rigctl.analysis.kept import Kept, Packed, Recipe
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.parts import Part
-from rigctl.core.errors import ConfigError, DataError, LinkError
+from rigctl.core.errors import ConfigError, DataError
 from rigctl.core.satellites import SatelliteEnsemble
+from rigctl.core.workers import Workers, in_order, outcomes_of
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.observe.sessions import SessionName, session_of
 from rigctl.experiments.inflight.result.draws import (
@@ -37,21 +35,11 @@ from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.toml_files import validated
 
 RECIPE = Recipe("inflight draws", 3)
-LOOKED_S = 0.2
-"""While it waits for a unit, the study looks so often whether the operator asked for a pause or an end."""
-
-
-class Promise(Protocol):
-    """A unit that is being worked on."""
-
-    def result(self, timeout: float | None = None) -> Packed:
-        """What came of it; `TimeoutError` when it takes longer."""
-        ...
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A session of some draws of an ensemble: it can be pickled, so it may be reduced elsewhere."""
+    """A session of some draws of an ensemble; it can be pickled."""
 
     ensemble: SatelliteEnsemble
     study: MonteCarlo
@@ -60,13 +48,13 @@ class Unit:
     run: int
     draws: tuple[int, ...]
 
+    def __str__(self) -> str:
+        return f"{self.name} of {self.draws[0]} to {self.draws[-1]}"
+
     @property
     def flown(self) -> Flown:
         """Its session as the analysis knows it."""
         return flown(self.study, self.name, self.orbit_period_s, self.ensemble.sample_period_s)
-
-
-Submit = Callable[[Unit], Promise]
 
 
 def flown(study: MonteCarlo, name: SessionName, orbit_period_s: float, step_s: float) -> Flown:
@@ -78,23 +66,23 @@ def flown(study: MonteCarlo, name: SessionName, orbit_period_s: float, step_s: f
     )
 
 
-def _never() -> bool:
-    return False
+def _nothing() -> None:
+    return
 
 
-def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> Packed:
-    """Simulate a unit and reduce it. `NotWanted` as soon as it is `unwanted`."""
+def reduce_unit(unit: Unit, going_on: Callable[[], None] = _nothing) -> Packed:
+    """Simulate a unit and reduce it; `going_on` is called all along, and raises when nobody waits any more."""
     flight_session = unit.study.session(unit.name, unit.orbit_period_s)
     telemetry = unit.ensemble.telemetry(unit.draws, unit.run, flight_session, chunk_of(unit.flown))
-    # Asked by the reduction while telemetry comes, as a unit of sixteen draws takes seconds.
-    return reduced(unit.flown, telemetry, unit.ensemble.columns, unit.draws, unwanted)
+    return reduced(unit.flown, telemetry, unit.ensemble.columns, unit.draws, going_on)
 
 
 @dataclass(frozen=True)
 class MonteCarloPlan(Plan):
-    """A study, waiting for its ensemble."""
+    """A study, waiting for its ensemble, and who flies it."""
 
     study: MonteCarlo
+    workers: Workers
 
     @property
     def runs(self) -> int:
@@ -115,7 +103,7 @@ class MonteCarloPlan(Plan):
                 f"{rig.file.path}: world.missing: a study reduces samples as they come, without gaps; leave it out"
             )
         check(flight, self.study)
-        return MonteCarloWork(flight, self.study, ensemble, rig.simulation.operate)
+        return MonteCarloWork(flight, self, ensemble, rig.simulation.operate)
 
     def forecast(self, rig: Instruments) -> Mapping[str, Any]:
         """How many draws of what."""
@@ -124,11 +112,16 @@ class MonteCarloPlan(Plan):
         orbits = sum(self.study.orbits_of(name) for name in sessions)
         return {"draws": self.study.draws, "sessions": list(sessions), "orbits": orbits}
 
+    def by(self, workers: Workers) -> MonteCarloPlan:
+        """The same study flown by others."""
+        return replace(self, workers=workers)
+
 
 def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> MonteCarloPlan:
     """The study a campaign file asks for; `ConfigError`."""
     del part, plugins
-    return MonteCarloPlan(validated(MonteCarlo, campaign.procedure, campaign.path, "procedure"))
+    study = validated(MonteCarlo, campaign.procedure, campaign.path, "procedure")
+    return MonteCarloPlan(study, Workers(study.workers, study.scheduler))
 
 
 @dataclass(frozen=True)
@@ -136,104 +129,69 @@ class MonteCarloWork(Work):
     """A study and its ensemble; `operate` are the hands that choose the satellite whose samples are kept."""
 
     flight: Flight
-    study: MonteCarlo
+    plan: MonteCarloPlan
     ensemble: SatelliteEnsemble
     operate: Callable[[Mapping[str, Any]], float]
 
     def run(self, session: Session) -> None:
         """Carry it out; draws that are in the store already are not simulated again."""
-        session.plan(MonteCarloPlan(self.study).runs)
-        if self.study.kept_draw >= 0:
-            self.operate({"draw": self.study.kept_draw})
-            calibrate(session, self.flight, self.study)
-        with _workers(self.study) as submit:
-            self._calibrate(session, submit)
+        session.plan(self.plan.runs)
+        study = self.plan.study
+        if study.kept_draw >= 0:
+            self.operate({"draw": study.kept_draw})
+            calibrate(session, self.flight, study)
+        blocks = [self._block(draws) for draws in self._draws()]
+        known = session.store.reduced_names(str(RECIPE))
+        left = [unit for block in blocks for unit in block if str(unit) not in known]
+        # Here, the work heeds the operator itself, as a unit of sixteen draws takes seconds.
+        work = partial(reduce_unit, going_on=session.checkpoint) if self.plan.workers.here(len(left)) else reduce_unit
+        with outcomes_of(work, left, self.plan.workers, session.checkpoint) as outcomes:
+            self._score(session, blocks, known, in_order(outcomes))
 
-    def _units(self, run: int, name: SessionName) -> dict[str, Unit]:
-        everything = range(self.study.draws)
-        # As many draws as fill the compiled loop: one alone would cost as much.
-        draws = [tuple(everything[at : at + self.ensemble.at_once]) for at in everything[:: self.ensemble.at_once]]
-        return {
-            f"{name} of {some[0]} to {some[-1]}": Unit(
-                self.ensemble, self.study, self.flight.orbit_period_s, name, run, some
-            )
-            for some in draws
-        }
+    def _draws(self) -> list[tuple[int, ...]]:
+        """As many at a time as fill the compiled loop: one alone would cost as much."""
+        everything, at_once = range(self.plan.study.draws), self.ensemble.at_once
+        return [tuple(everything[at : at + at_once]) for at in everything[::at_once]]
 
-    def _calibrate(self, session: Session, submit: Submit) -> None:
+    def _block(self, draws: tuple[int, ...]) -> list[Unit]:
+        """All sessions of some draws."""
+        study = self.plan.study
+        return [
+            Unit(self.ensemble, study, self.flight.orbit_period_s, name, run, draws)
+            for run, name in enumerate(study.sessions, 1)
+        ]
+
+    def _score(
+        self, session: Session, blocks: Sequence[Sequence[Unit]], known: Collection[str], new: Iterator[Packed]
+    ) -> None:
         """All sessions of some draws and their estimates, then those of the next: errors are seen on the way."""
-        sessions = [list(self._units(run, name).items()) for run, name in enumerate(self.study.sessions, 1)]
-        blocks = [dict(units) for units in zip(*sessions, strict=True)]
         kept = Kept(session.store, RECIPE)
-        reduced_keys = session.store.reduced_names(str(RECIPE))
         scored = {int(document.data["draw"]) for document in session.store.documents(DRAW)}
-        # All at once, so that workers are never idle; what comes of them is taken in order.
-        promised = {key: submit(unit) for block in blocks for key, unit in block.items() if key not in reduced_keys}
         for block in blocks:
-            draws = next(iter(block.values())).draws
+            draws = block[0].draws
             with session.step(f"draws {draws[0]} to {draws[-1]}"):
-                for key, unit in block.items():
-                    if key in promised:
-                        kept.put(key, _awaited(session, promised.pop(key)))
-                    session.counted(len(unit.draws), replayed=key in reduced_keys)
+                for unit in block:
+                    if str(unit) not in known:
+                        kept.put(str(unit), next(new))
+                    session.counted(len(unit.draws), replayed=str(unit) in known)
                 # Scores that are kept need neither their units nor another estimate.
                 if unscored := sorted(set(draws) - scored):
                     self._estimate(session, kept, block, unscored)
 
-    def _estimate(self, session: Session, kept: Kept, block: Mapping[str, Unit], draws: Sequence[int]) -> None:
-        sessions: dict[str, Flown] = {unit.name: unit.flown for unit in block.values()}
-        units: dict[str, Packed] = {unit.name: _there(kept, key) for key, unit in block.items()}
+    def _estimate(self, session: Session, kept: Kept, block: Sequence[Unit], draws: Sequence[int]) -> None:
+        sessions: dict[str, Flown] = {unit.name: unit.flown for unit in block}
+        units: dict[str, Packed] = {unit.name: _there(kept, unit) for unit in block}
         for draw in draws:
             session.checkpoint()
             scores = estimated(draw, sessions, units, self.ensemble.truths(draw))
             session.store.add_document(DRAW, scores.as_json())
 
 
-def _there(kept: Kept, key: str) -> Packed:
+def _there(kept: Kept, unit: Unit) -> Packed:
     """A reduced unit; `DataError` when it cannot be read."""
-    unit = kept.get(key, lambda packed: packed)
-    if unit is None:
-        raise DataError(f"the reduced sessions {key} of the study cannot be read; run the study again in a new store")
-    return unit
-
-
-def _awaited(session: Session, promise: Promise) -> Packed:
-    while True:
-        session.checkpoint()
-        try:
-            return promise.result(timeout=LOOKED_S)
-        except TimeoutError:
-            continue
-
-
-@contextmanager
-def _workers(study: MonteCarlo) -> Iterator[Submit]:
-    """Threads of this process (the loops let go of the interpreter), or the workers of a dask scheduler."""
-    if study.scheduler:
-        with _cluster(study.scheduler) as submit:
-            yield submit
-        return
-    pool = ThreadPoolExecutor(study.workers or os.cpu_count() or 1, thread_name_prefix="draws")
-    leaving = Event()
-    try:
-        yield lambda unit: pool.submit(reduce_unit, unit, leaving.is_set)
-    finally:
-        # Who aborts does not wait for sixteen draws to come down.
-        leaving.set()
-        pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[Submit]:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ConfigError(
-            "procedure.scheduler: the cluster's client is not installed; pip install 'rigctl[cluster]'"
-        ) from None
-    try:
-        client: Any = cast(Any, Client)(address, timeout="10s")
-    except (OSError, TimeoutError, ValueError) as error:
-        raise LinkError(f"procedure.scheduler: no scheduler answers at {address} ({error}); start it first") from None
-    with client:
-        yield lambda unit: client.submit(reduce_unit, unit, pure=False)
+    reduced_unit = kept.get(str(unit), lambda packed: packed)
+    if reduced_unit is None:
+        raise DataError(
+            f"the reduced sessions {unit} of the study cannot be read; run the study again in a new store"
+        )
+    return reduced_unit

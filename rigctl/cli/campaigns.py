@@ -11,7 +11,20 @@ from rigctl import results, runner
 from rigctl.campaign.session import requests
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
-from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, Unchecked, WireLog, print_json, say, tell
+from rigctl.cli.io import (
+    CampaignToml,
+    Json,
+    Plugins,
+    Processes,
+    Scheduler,
+    StoreFile,
+    Unchecked,
+    WireLog,
+    print_json,
+    say,
+    tell,
+    workers_of,
+)
 from rigctl.cli.steering import ask
 from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError
 from rigctl.files.campaign_file import read_campaign
@@ -34,10 +47,12 @@ def run(
     unchecked: Unchecked = False,
     plugin: Plugins = None,
     wire_log: WireLog = None,
+    workers: Processes = None,
+    scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
     """Run a campaign from start to result."""
-    campaign_file = read_campaign(campaign)
+    campaign_file, by = read_campaign(campaign), workers_of(workers, scheduler)
     path = store or Path(campaign.stem + ".rig.sqlite")
     plugins = tuple(plugin or ())
     # With `mounting = "same"` the store is meant to be there, and is gone on with.
@@ -47,7 +62,7 @@ def run(
     if not extended and rig is None and not campaign_file.rig:
         raise ConfigError(f"{campaign}: rig is missing; name the rig file or pass --rig")
     if dry:
-        plan = runner.dry_run(campaign_file, read_rig(rig or campaign_file.rig_path), plugins)
+        plan = runner.dry_run(campaign_file, read_rig(rig or campaign_file.rig_path), plugins, by)
         if as_json:
             print_json(plan)
         else:
@@ -56,7 +71,13 @@ def run(
         return
     with ProgressBar() as bar:
         options = runner.Options(
-            unattended=yes, seed=seed, display=bar, plugins=plugins, wire_log=wire_log, unchecked=unchecked
+            unattended=yes,
+            seed=seed,
+            display=bar,
+            plugins=plugins,
+            wire_log=wire_log,
+            unchecked=unchecked,
+            workers=by,
         )
         if extended:
             runner.extend(path, campaign_file, options)
@@ -71,10 +92,15 @@ def resume(
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
     plugin: Plugins = None,
     wire_log: WireLog = None,
+    workers: Processes = None,
+    scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
     """Go on with a paused or an interrupted campaign."""
+    by = workers_of(workers, scheduler)
     if requests.is_running(store):
+        if by is not None:
+            raise ConfigError(f"{store} is running and keeps its workers; leave out --workers and --scheduler")
         try:
             ask(store, "resume", as_json=as_json)
         except RigError:
@@ -86,7 +112,8 @@ def resume(
         unattended = yes or bool(opened.header.extra.get("unattended"))
     plugins = tuple(plugin or ())
     with ProgressBar() as bar:
-        runner.resume(store, runner.Options(unattended=unattended, display=bar, plugins=plugins, wire_log=wire_log))
+        options = runner.Options(unattended=unattended, display=bar, plugins=plugins, wire_log=wire_log, workers=by)
+        runner.resume(store, options)
     _show_outcome(store, plugins, as_json=as_json)
 
 

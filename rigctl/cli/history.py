@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from rigctl.cli.io import Json, Plugins, print_json, say, tell
+from rigctl.cli.io import Json, Plugins, Processes, Scheduler, print_json, say, tell, workers_of
 from rigctl.core.errors import DataError, ProcedureError
+from rigctl.core.workers import Workers
 from rigctl.history.catalogue import Catalogue, catalogue_of
 from rigctl.history.item_history import ItemHistory, histories_of
 from rigctl.history.tables import document_of, terminal_tables, warnings_of
@@ -26,11 +27,13 @@ def history(
         Path | None, typer.Option(metavar="DIR", help="One SVG and one CSV per control chart.")
     ] = None,
     plugin: Plugins = None,
+    workers: Processes = None,
+    scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
     """All calibrations of an item: drift, control charts, and does the newest agree with the former ones?"""
     _require_place(out)
-    catalogue = catalogue_of(directory, serial, plugin or (), tell)
+    catalogue = catalogue_of(directory, serial, plugin or (), tell, workers_of(workers, scheduler) or Workers())
     for store in catalogue.not_listed:
         tell(f"{store.store}: {store.reason}")
     if not catalogue.calibrations:

@@ -7,11 +7,15 @@ import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rigctl.core.errors import ConfigError
 from rigctl.core.numbers import decimal
+
+if TYPE_CHECKING:
+    from rigctl.core.workers import Workers
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="A campaign file, by convention *.rig.sqlite.")]
@@ -26,6 +30,25 @@ Unchecked = Annotated[
 WireLog = Annotated[
     Path | None, typer.Option(metavar="DIR", help="Log every byte of every instrument to a file in DIR.")
 ]
+
+Processes = Annotated[
+    int | None,
+    typer.Option(
+        "--workers", metavar="N", min=0, max=1024, help="So many processes of this machine; 0: one for each core."
+    ),
+]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="tcp://HOST:PORT", help="The workers of a dask scheduler instead.")
+]
+
+
+def workers_of(processes: int | None, scheduler: str | None) -> Workers | None:
+    """Who is to do the work of a command; None where nothing is said. `ConfigError` where both are given."""
+    if processes is not None and scheduler:
+        raise ConfigError("--workers counts processes of this machine, --scheduler names another's: leave one out")
+    from rigctl.core.workers import Workers  # multiprocessing, which the help of all commands does not need
+
+    return None if processes is None and not scheduler else Workers(processes or 0, scheduler or "")
 
 
 def number(text: str | float) -> float:

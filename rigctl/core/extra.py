@@ -7,7 +7,7 @@ from typing import Any
 
 from rigctl.core.errors import ConfigError
 
-NOTEBOOK, BLUESKY, SIGN = "notebook", "bluesky", "sign"
+CLUSTER, NOTEBOOK, BLUESKY, SIGN = "cluster", "notebook", "bluesky", "sign"
 """The extras of `pip install 'rigctl[EXTRA]'`."""
 
 

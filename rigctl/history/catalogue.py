@@ -1,20 +1,21 @@
-"""All stores below a directory, read one by one; results that no store keeps are worked out."""
+"""All stores below a directory, read one by one; results that no store keeps are worked out, by several workers."""
 
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from rigctl.core.errors import ConfigError, DataError, either
+from rigctl.core.workers import HERE, Workers, in_order, outcomes_of
 from rigctl.history.calibration import UNREADABLE, Calibration, NotListed, read_calibration, reason_of
 from rigctl.history.kept_result import worked_out
-from rigctl.report.quantities import counted, duration
+from rigctl.report.quantities import counted
+from rigctl.report.time_left import Pace
 
 SUFFIX = ".rig.sqlite"
-SAY_EVERY_S = 2.0
 
 Tell = Callable[[str], None]
 
@@ -30,9 +31,13 @@ class Catalogue:
 
 
 def catalogue_of(
-    directory: Path, serial: str | None = None, plugins: Sequence[Path] = (), tell: Tell = lambda _: None
+    directory: Path,
+    serial: str | None = None,
+    plugins: Sequence[Path] = (),
+    tell: Tell = lambda _: None,
+    workers: Workers = HERE,
 ) -> Catalogue:
-    """Every store below `directory`, or those of one item; what has to be fitted is told as it goes.
+    """Every store below `directory`, or those of one item; what `workers` have to fit is told as it goes.
 
     `ConfigError` where that is no directory, `DataError` where no calibration is in it.
     """
@@ -53,7 +58,7 @@ def catalogue_of(
     if serial is not None and not listed:
         known = f"there are {either(sorted(serials))}" if serials else "no store there says one"
         raise DataError(f"{directory}: no finished calibration of serial number {serial!r}; {known}")
-    done = list(_with_results(listed, plugins, tell))
+    done = list(_with_results(listed, plugins, tell, workers))
     distinct = list(_distinct(each for each in done if isinstance(each, Calibration)))
     not_listed = [each for each in (*read, *done, *distinct) if isinstance(each, NotListed)]
     return Catalogue(
@@ -74,24 +79,23 @@ def _stores(directory: Path) -> Iterator[Path | NotListed]:
 
 
 def _with_results(
-    listed: Sequence[Calibration], plugins: Sequence[Path], tell: Tell
+    listed: Sequence[Calibration], plugins: Sequence[Path], tell: Tell, workers: Workers
 ) -> Iterator[Calibration | NotListed]:
-    missing = sum(each.result is None for each in listed)
+    missing = [each for each in listed if each.result is None]
     if missing:
         tell(
-            f"{counted(missing, 'result')} of {len(listed)} to be worked out, each as long as `rigctl result` takes; "
-            "they are kept in their stores"
+            f"{counted(len(missing), 'result')} of {len(listed)} to be worked out, each as long as `rigctl result` "
+            "takes; they are kept in their stores"
         )
-    began_s, said_s, done = time.monotonic(), time.monotonic(), 0
-    for each in listed:
-        if each.result is not None:
-            yield each
-            continue
-        yield _fitted(each, plugins)
-        done, now_s = done + 1, time.monotonic()
-        if now_s - said_s >= SAY_EVERY_S or done == missing:
-            said_s, left_s = now_s, (now_s - began_s) / done * (missing - done)
-            tell(f"{done} of {missing} worked out, {duration(left_s)} left")
+    pace = Pace(len(missing), "worked out", tell)
+    with outcomes_of(partial(_fitted, plugins=tuple(plugins)), missing, workers) as outcomes:
+        fitted = in_order(outcomes)
+        for each in listed:
+            if each.result is not None:
+                yield each
+                continue
+            yield next(fitted)
+            pace.counted()
 
 
 def _fitted(calibration: Calibration, plugins: Sequence[Path]) -> Calibration | NotListed:

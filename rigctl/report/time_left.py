@@ -1,13 +1,32 @@
-"""How long a campaign still takes, as its status says it."""
+"""How long a campaign still takes, as its status says it, and any work on many items, by its pace so far."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
 from rigctl.campaign.session.heartbeat import STALLED_S
 from rigctl.report.quantities import duration
+
+SAY_EVERY_S = 2.0
+
+
+class Pace:
+    """Tells how far work on so many items is, every other second and at its end: "3 of 12 written, 40 s left"."""
+
+    def __init__(self, items: int, done: str, tell: Callable[[str], None]) -> None:
+        self._items, self._word, self._tell = items, done, tell
+        self._began_s = self._said_s = time.monotonic()
+        self._done = 0
+
+    def counted(self) -> None:
+        """Another item is done."""
+        self._done, now_s = self._done + 1, time.monotonic()
+        if now_s - self._said_s >= SAY_EVERY_S or self._done == self._items:
+            self._said_s, left_s = now_s, (now_s - self._began_s) / self._done * (self._items - self._done)
+            self._tell(f"{self._done} of {self._items} {self._word}, {duration(left_s)} left")
 
 
 def time_left(status: Mapping[str, Any], now: datetime | None = None) -> str:

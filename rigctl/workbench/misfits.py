@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import BoolArray, IntArray
+from rigctl.core.threads import one_thread
 from rigctl.workbench.study import Study, Term
-from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.fitted_model import fit_with_given_noise
 
 FAR_SIGMA = 5.0

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import UNFIT, ConfigError, DataError
+from rigctl.core.threads import one_thread
 from rigctl.effects.catalogue import unknown_effect
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.model import versions
 from rigctl.workbench.model.versions import ModelVersion, PluginFile
 from rigctl.workbench.study import Study, Term
-from rigctl.workbench.threads import one_thread
 
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin

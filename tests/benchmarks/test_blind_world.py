@@ -17,6 +17,7 @@ from benchmarks.blind_sizes import yardstick
 from benchmarks.blind_trials import Asked, clopper_pearson, score, study
 from benchmarks.blind_world import Foreign, Truth, draw, record, sample
 from rigctl.campaign.bundle.bundle import read_bundle
+from rigctl.core.workers import HERE
 from rigctl.workbench.findings import Diagnosis, Rank
 from rigctl.workbench.study import Term
 from simulators.worlds.bench_settings import isa_twin
@@ -167,8 +168,8 @@ def test_a_study_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr("benchmarks.blind_trials.unit_sizes", lambda _: {})
     asked = Asked("one", (8.0, 20.0), (), None, 0.01, SMALL)
     keep = tmp_path / "kept.jsonl"
-    assert len(study(asked, 1, 2, keep, 1, _counted)) == 2
-    assert {row["seed"] for row in study(asked, 1, 4, keep, 1, _counted)} == {1, 2, 3, 4}
+    assert len(study(asked, 1, 2, keep, HERE, _counted)) == 2
+    assert {row["seed"] for row in study(asked, 1, 4, keep, HERE, _counted)} == {1, 2, 3, 4}
     assert len(keep.read_text().splitlines()) == 4
-    study(replace(asked, alpha=0.05), 1, 2, keep, 1, _counted)
+    study(replace(asked, alpha=0.05), 1, 2, keep, HERE, _counted)
     assert len(keep.read_text().splitlines()) == 6

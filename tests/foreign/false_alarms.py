@@ -12,7 +12,6 @@ status is 1 where a kind's lower limit, or 1.5 times the level for all kinds tog
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.errors import RigError
 from rigctl.experiments.table.study import TableStudy
@@ -286,6 +286,10 @@ def tried(kind: str, seed: int) -> Json:
     }
 
 
+def _tried(kind_and_seed: tuple[str, int]) -> Json:
+    return tried(*kind_and_seed)
+
+
 def interval(count: int, of: int, confidence: float = 0.99) -> tuple[float, float]:
     """Limits of a rate by Clopper and Pearson, each one exceeded with (1 - confidence) / 2."""
     tail = (1.0 - confidence) / 2.0
@@ -323,20 +327,17 @@ def main() -> None:
     arguments.add_argument("--first", type=int, default=0, help="seed; others than those that a change was made on")
     arguments.add_argument("--kind", nargs="+", choices=list(KINDS), default=list(KINDS))
     arguments.add_argument("--out", type=Path, required=True)
+    add_workers(arguments, 1)
     given = arguments.parse_args()
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = given.out.read_text().splitlines() if given.out.exists() else []
-    trials: list[Json] = [json.loads(line) for line in lines]
-    done = {(trial["kind"], trial["seed"]) for trial in trials}
-    for number in range(given.trials):
-        seed = given.first + number
-        for kind in given.kind:
-            if (kind, seed) in done or number >= given.trials * FEWER.get(kind, 400) // 400:
-                continue
-            trials.append(tried(kind, seed))
-            with given.out.open("a") as file:
-                file.write(json.dumps(trials[-1]) + "\n")
-    text, holds = summary(trials)
+    done = {(trial["kind"], trial["seed"]) for trial in rows_in(given.out)}
+    wanted = [
+        (kind, given.first + number)
+        for number in range(given.trials)
+        for kind in given.kind
+        if number < given.trials * FEWER.get(kind, 400) // 400
+    ]
+    keep_trials(_tried, [each for each in wanted if each not in done], given.out, workers_of(given))
+    text, holds = summary(rows_in(given.out))
     sys.stdout.write(text + "\n")
     sys.exit(not holds)
 

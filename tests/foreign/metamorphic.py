@@ -12,19 +12,20 @@ is not tried again. The status is 1 where something differed.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from rigctl.campaign.bundle.bundle import import_bundle, write_bundle
 from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import RigError
@@ -303,16 +304,12 @@ def main() -> None:
     arguments.add_argument("--first", type=int, default=0, help="seed of the first")
     arguments.add_argument("--apart", action="store_true", help="one change at a time")
     arguments.add_argument("--out", type=Path, required=True)
+    add_workers(arguments, 1)
     given = arguments.parse_args()
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = given.out.read_text().splitlines() if given.out.exists() else []
-    trials: list[Json] = [json.loads(line) for line in lines]
-    done = {trial["seed"] for trial in trials}
-    for seed in range(given.first, given.first + given.tables):
-        if seed not in done:
-            trials.append(tried(seed, apart=given.apart))
-            with given.out.open("a") as file:
-                file.write(json.dumps(trials[-1]) + "\n")
+    done = {trial["seed"] for trial in rows_in(given.out)}
+    wanted = [seed for seed in range(given.first, given.first + given.tables) if seed not in done]
+    keep_trials(partial(tried, apart=given.apart), wanted, given.out, workers_of(given))
+    trials = rows_in(given.out)
     failed = [trial for trial in trials if trial["differed"]]
     for trial in failed:
         for change, found in trial["differed"].items():

@@ -11,18 +11,19 @@ JSON for each recording; what stands in the file is not tried again. The status 
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from rigctl.campaign.bundle.bundle import import_bundle, read_bundle, write_bundle
 from rigctl.campaign.recording import Recording, RunSource
 from rigctl.core.errors import RigError
@@ -200,6 +201,10 @@ def tried(kind: str, seed: int, given: Written, *, apart: bool = False) -> Json:
     }
 
 
+def _tried(kind_and_seed: tuple[str, int], *, apart: bool) -> Json:
+    return tried(*kind_and_seed, drawn(*kind_and_seed), apart=apart)
+
+
 def _differed(kind: str, said: Said, changed: Written) -> list[str]:
     try:
         return differences(said, said_of(kind, changed, "another name"))
@@ -214,17 +219,13 @@ def main() -> None:
     arguments.add_argument("--kind", nargs="+", choices=list(STUDIES), default=list(STUDIES))
     arguments.add_argument("--apart", action="store_true", help="one change at a time")
     arguments.add_argument("--out", type=Path, required=True)
+    add_workers(arguments, 1)
     given = arguments.parse_args()
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = given.out.read_text().splitlines() if given.out.exists() else []
-    trials: list[Json] = [json.loads(line) for line in lines]
-    done = {(trial["kind"], trial["seed"]) for trial in trials}
-    for kind in given.kind:
-        for seed in range(given.first, given.first + given.bundles):
-            if (kind, seed) not in done:
-                trials.append(tried(kind, seed, drawn(kind, seed), apart=given.apart))
-                with given.out.open("a") as file:
-                    file.write(json.dumps(trials[-1]) + "\n")
+    done = {(trial["kind"], trial["seed"]) for trial in rows_in(given.out)}
+    wanted = [(kind, seed) for kind in given.kind for seed in range(given.first, given.first + given.bundles)]
+    missing = [each for each in wanted if each not in done]
+    keep_trials(partial(_tried, apart=given.apart), missing, given.out, workers_of(given))
+    trials = rows_in(given.out)
     failed = [trial for trial in trials if trial["differed"]]
     for trial in failed:
         for change, found in trial["differed"].items():

@@ -9,9 +9,9 @@ what is hidden is compared with what was said afterwards. A summary of the whole
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
+from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from tests.foreign.isa_score import SENSING_AXIS
 from tests.foreign.kinds import Kind, Trial
 from tests.foreign.platform_score import PLATFORM
@@ -89,6 +90,10 @@ def tried(kind: Kind, seed: int) -> Json:
     return {"seed": seed, **scored(kind, trial, session), "processor_s": round(seconds, 2)}
 
 
+def _tried(kind: str, seed: int) -> Json:
+    return tried(KINDS[kind], seed)
+
+
 def rate(count: int, of: int) -> str:
     """A rate with its 95 % interval (Clopper and Pearson)."""
     if of == 0:
@@ -124,16 +129,12 @@ def main() -> None:
     arguments.add_argument("--kind", choices=sorted(KINDS), required=True)
     arguments.add_argument("--seeds", required=True, help="A:B, B not included")
     arguments.add_argument("--out", type=Path, required=True)
+    add_workers(arguments, 1)
     given = arguments.parse_args()
     first, last = map(int, given.seeds.split(":"))
-    lines = given.out.read_text().splitlines() if given.out.exists() else []
-    trials = [json.loads(line) for line in lines]
-    done = {trial["seed"] for trial in trials}
-    for seed in sorted(set(range(first, last)) - done):
-        trials.append(tried(KINDS[given.kind], seed))
-        with given.out.open("a") as file:
-            file.write(json.dumps(trials[-1]) + "\n")
-    sys.stdout.write(summary(trials) + "\n")
+    done = {trial["seed"] for trial in rows_in(given.out)}
+    keep_trials(partial(_tried, given.kind), sorted(set(range(first, last)) - done), given.out, workers_of(given))
+    sys.stdout.write(summary(rows_in(given.out)) + "\n")
 
 
 if __name__ == "__main__":

@@ -48,6 +48,12 @@ def cell(desk: Any) -> Make:
     return make
 
 
+@pytest.fixture(autouse=True)
+def _one_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit here takes no time beside what another process takes to start."""
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+
+
 @pytest.fixture
 def lab(cell: Make) -> Path:
     """Four calibrations of one cell that agree."""
@@ -58,6 +64,14 @@ def lab(cell: Make) -> Path:
 def _quantity(document: Any, name: str) -> Any:
     (item,) = document["items"]
     return next(each for each in item["quantities"] if each["name"] == name)
+
+
+def test_two_processes_find_what_this_one_finds(desk: Any, lab: Path, tmp_path: Path) -> None:
+    shutil.copytree(lab, tmp_path / "elsewhere" / "lab")
+    here = desk.rigctl("history", lab, "--json")
+    there = desk.rigctl("history", tmp_path / "elsewhere" / "lab", "--workers", 2, "--json")
+    assert there.err.splitlines()[-1].startswith("4 of 4 worked out, ")
+    assert there.out.replace(str(tmp_path / "elsewhere" / "lab"), str(lab)) == here.out
 
 
 def test_calibrations_that_agree_and_one_that_does_not(desk: Any, lab: Path, cell: Make) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import pickle
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 import numpy as np
@@ -23,9 +23,9 @@ from rigctl import results, runner
 from rigctl.campaign.origin import truth_path
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
-from rigctl.core.errors import ConfigError, LinkError
+from rigctl.core.errors import Aborted, ConfigError, LinkError
+from rigctl.core.workers import Workers
 from rigctl.experiments.inflight.model.parameters import NAMES
-from rigctl.experiments.inflight.result.draws import NotWanted
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.files.campaign_file import CampaignFile, read_campaign
 from rigctl.files.rig_file import read_rig
@@ -120,8 +120,34 @@ def test_nature_s_secrets_stay_beside_the_store_and_only_scores_are_in_it(alone:
         assert not store.runs()
 
 
-def test_two_workers_find_what_one_finds(alone: Path, tmp_path: Path) -> None:
-    assert json.dumps(scored(studied(tmp_path / "two", 2))) == json.dumps(scored(alone))
+@pytest.fixture(params=["processes", "dask"])
+def place(request: pytest.FixtureRequest) -> Iterator[tuple[Workers, Callable[[], int]]]:
+    """Two workers, and the process of one of them."""
+    if request.param == "processes":
+        yield Workers(2), lambda: int(multiprocessing.active_children()[0].pid or 0)
+        return
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        yield Workers(scheduler=cluster.scheduler_address), lambda: int(next(iter(cluster.workers.values())).pid)
+
+
+def test_two_workers_one_of_them_killed_find_what_one_finds(
+    alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: tuple[Workers, Callable[[], int]]
+) -> None:
+    workers, one_of_them = place
+    keep, killed = Store.keep_reductions, []
+
+    def keep_and_kill(store: Store, *arguments: Any) -> None:
+        keep(store, *arguments)
+        if len(store.reduced_names(str(monte_carlo.RECIPE))) == 8:
+            killed.append(one_of_them())
+            os.kill(killed[0], signal.SIGKILL)
+
+    monkeypatch.setattr(Store, "keep_reductions", keep_and_kill)
+    campaign, path = prepared(tmp_path / "two"), tmp_path / "two" / "x.rig.sqlite"
+    options = runner.Options(unattended=True, workers=workers)
+    runner.start(campaign, read_rig(campaign.rig_path), path, options)
+    assert len(killed) == 1
+    assert json.dumps(scored(path)) == json.dumps(scored(alone))
 
 
 def test_killed_at_any_unit_a_study_goes_on_to_the_same_scores(alone: Path, tmp_path: Path) -> None:
@@ -222,13 +248,13 @@ def test_errors_are_seen_before_the_study_is_over(tmp_path: Path, monkeypatch: p
     def noted(name: str, what: str) -> None:
         doing = getattr(monte_carlo, name)
 
-        def both(*arguments: Any) -> Any:
+        def both(*arguments: Any, **more: Any) -> Any:
             done.append(what)
-            return doing(*arguments)
+            return doing(*arguments, **more)
 
         monkeypatch.setattr(monte_carlo, name, both)
 
-    noted("_awaited", "session")
+    noted("reduce_unit", "session")
     noted("estimated", "score")
     path = studied(tmp_path, 1)
     sessions = ["session"] * (done.index("score"))
@@ -242,17 +268,12 @@ def test_errors_are_seen_before_the_study_is_over(tmp_path: Path, monkeypatch: p
     assert joint.y.max() == pytest.approx(worst)
 
 
-def test_a_scheduler_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
+def test_a_scheduler_that_is_not_there_is_said_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rigctl.core.workers.ANSWERS_S", 0.5)
     with pytest.raises(LinkError) as refused:
         studied(tmp_path / "nowhere", 1, 'scheduler = "tcp://127.0.0.1:9"\n')
     assert "no scheduler answers at tcp://127.0.0.1:9" in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def test_the_workers_of_a_cluster_find_what_threads_find(alone: Path, tmp_path: Path) -> None:
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        path = studied(tmp_path / "cluster", 1, f'scheduler = "{cluster.scheduler_address}"\n')
-    assert json.dumps(scored(path)) == json.dumps(scored(alone))
 
 
 def test_an_ensemble_travels_to_another_process() -> None:
@@ -267,28 +288,32 @@ def test_an_ensemble_travels_to_another_process() -> None:
 
 
 class Slow:
-    """An ensemble that sends down sample by sample, and tells when the first has come."""
+    """An ensemble that sends down sample by sample."""
 
     at_once, columns, sample_period_s, complete = 1, COLUMNS, 1.0, True
 
-    def __init__(self) -> None:
-        self.taken, self.begun = 0, Event()
-
     def telemetry(self, draws: Any, run: int, session: Any, chunk: int) -> Iterator[Any]:
         for _ in range(round(session.duration_s)):
-            self.taken += 1
-            self.begun.set()
             yield np.zeros((1, len(self.columns), len(draws)))
 
-    def truths(self, draw: int) -> dict[str, Any]:
-        return {}
+
+def test_who_aborts_a_study_does_not_wait_for_what_is_under_way() -> None:
+    asked = 0
+
+    def going_on() -> None:
+        nonlocal asked
+        asked += 1
+        if asked == 3:
+            raise Aborted("enough")
+
+    unit = Unit(Slow(), MonteCarlo(name="monte-carlo", orbits=3.0), 5950.0, "dx", 1, (0,))  # type: ignore[arg-type]
+    with pytest.raises(Aborted):
+        monte_carlo.reduce_unit(unit, going_on)
+    assert asked == 3
 
 
-def test_who_leaves_a_study_does_not_wait_for_what_is_under_way() -> None:
-    study, ensemble = MonteCarlo(name="monte-carlo", orbits=3.0, workers=1), Slow()
-    with monte_carlo._workers(study) as submit:
-        promise = submit(Unit(ensemble, study, 5950.0, "dx", 1, (0,)))
-        assert ensemble.begun.wait(60.0)
-    assert ensemble.taken < 3 * 5950
-    with pytest.raises(NotWanted):
-        promise.result()
+def test_workers_are_for_studies_and_stand_in_one_place(desk: Any) -> None:
+    both = "--workers counts processes of this machine, --scheduler names another's: leave one out"
+    desk.run("--workers", 2, "--scheduler", "tcp://127.0.0.1:9").refused(2, both)
+    desk.run("--workers", 2).refused(2, "instruments do the work of this campaign; leave out --workers")
+    assert desk.left == set()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
+from rigctl.core.threads import one_thread
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.next.information import Asked, Information
 from rigctl.workbench.next.noncentrality import needed_noncentrality
@@ -17,7 +18,6 @@ from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.rig_time import RigTime
 from rigctl.workbench.next.triangle import triangle_of
 from rigctl.workbench.study import Candidate, Plannable, Proposal, Term
-from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.significance import CATALOGUE_SHARE
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
+from rigctl.core.threads import one_thread
 from rigctl.workbench.next.plan import shuffled
 from rigctl.workbench.study import Plannable, Proposal, Term
-from rigctl.workbench.threads import one_thread
 
 LOOSE = 1e3
 """How far beyond what all options together would tell the baseline's parameters are unknown."""

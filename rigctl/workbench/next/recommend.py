@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from rigctl.core.threads import one_thread
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.next.courses import revealing
 from rigctl.workbench.next.decide import Decided, decided, others_than
@@ -32,7 +33,6 @@ from rigctl.workbench.next.recommendation import (
 )
 from rigctl.workbench.next.tighten import tightening
 from rigctl.workbench.study import Allowed, Plannable, Proposal, Scheduled, Study, Term
-from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
 
 MOST_RUNS = 24

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.core.threads import one_thread
 from rigctl.workbench.findings import ChannelFit, Comparison, Outlier, Trend
 from rigctl.workbench.study import Study, Term
-from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import LEVEL, Account, account_of
 from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt

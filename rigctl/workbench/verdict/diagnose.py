@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from rigctl.core.errors import UNFIT
+from rigctl.core.threads import one_thread
 from rigctl.workbench.findings import Diagnosis, JointFit, Step, Unexplained, Verdict
 from rigctl.workbench.study import Study, Term
-from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import LEVEL, Account, account_of
 from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.alike import inseparable_effects

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rigctl.core.threads import one_thread
 from rigctl.workbench.findings import Estimate, ModelFit, Rms
 from rigctl.workbench.study import Study, Term
-from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import Account, account_of
 from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt

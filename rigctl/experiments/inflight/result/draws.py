@@ -11,6 +11,7 @@ import numpy as np
 
 from rigctl.analysis.kept import Packed
 from rigctl.core.arrays import FloatArray
+from rigctl.core.threads import one_thread
 from rigctl.experiments.inflight.model.baseline import joint_estimate
 from rigctl.experiments.inflight.model.observed import stretch_of
 from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
@@ -21,7 +22,6 @@ from rigctl.experiments.inflight.observe.weights import response, spread, weight
 from rigctl.experiments.inflight.result.equivalence import calibrated_of
 from rigctl.experiments.inflight.result.missions import TEST_CHUNK, reduced_tests, run_of, tested
 from rigctl.experiments.inflight.result.monte_carlo import Draw
-from rigctl.workbench.threads import one_thread
 
 CHUNK = 512
 """Samples that are made and reduced at a time: sixteen draws of them stay near the processor."""
@@ -81,10 +81,6 @@ class _Rows:
     spread: FloatArray
 
 
-class NotWanted(Exception):
-    """Nobody waits for a unit any more."""
-
-
 def chunk_of(flown: Flown) -> int:
     """Samples at a time."""
     return TEST_CHUNK if flown.session.name in EQUIVALENCE else CHUNK
@@ -96,19 +92,14 @@ def reduced(
     telemetry: Iterable[FloatArray],
     columns: Sequence[str],
     draws: tuple[int, ...],
-    unwanted: Callable[[], bool],
+    going_on: Callable[[], None],
 ) -> Packed:
     """Some draws of a session, reduced as their telemetry comes, (samples, columns, draws) at a time.
 
     Arrays: `parts` (series, 2 lines, draws) of the published and then the observed lines, `means` (series, draws),
     `draws`, and `sigma` and `spread` as `_Rows` has them; those of a session of the test as `reduced_tests` says.
-    `NotWanted` as soon as it is `unwanted`.
+    `going_on` raises when nobody waits any more.
     """
-
-    def going_on() -> None:
-        if unwanted():
-            raise NotWanted
-
     if flown.session.name in EQUIVALENCE:
         return reduced_tests(flown.session, flown.duration_s, telemetry, columns, draws, going_on)
     prepared, session = rows_of(flown), flown.session

@@ -11,13 +11,13 @@ import numpy as np
 
 from rigctl.analysis.kept import Packed
 from rigctl.core.arrays import FloatArray
+from rigctl.core.threads import one_thread
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.equivalence import TestRun, TestSums
 from rigctl.experiments.inflight.observe.sessions import Session
 from rigctl.experiments.inflight.observe.weights import taper
 from rigctl.experiments.inflight.result.equivalence import GRAVITY_M_S2, Calibrated, equivalence, sensitivities
 from rigctl.experiments.inflight.result.published import published
-from rigctl.workbench.threads import one_thread
 
 TEST_CHUNK = 2048
 """Samples at a time: many, as what all draws share is made once for each."""
