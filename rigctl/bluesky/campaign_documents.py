@@ -23,6 +23,7 @@ from typing import Any
 
 from rigctl.campaign.recording import RunRecord, on_rig_time, own_clocks, time_column
 from rigctl.campaign.session.requests import is_running
+from rigctl.campaign.session.rig_time import began_at
 from rigctl.campaign.status import status_in
 from rigctl.campaign.store.entries import RUN_ENDED, Event
 from rigctl.campaign.store.header_json import header_to_json
@@ -134,12 +135,8 @@ class _Stream:
         conditions = {name: _value(value) for name, value in run.conditions.items()}
         fields = {"run_id": run.run_id, "step": run.step, **_valid(run.valid, run.reason), **conditions}
         yield from self._event("runs", fields, end_s)
-        start_s = run.conditions.get("start_s")
-        if end is None or end.rig_time_s is None or not isinstance(start_s, int | float):
-            began_s = end_s
-        else:
-            # By the rig's clock from the run's end: the rig's time at which a clock began is kept nowhere.
-            began_s = end_s - (end.rig_time_s - start_s)
+        began = began_at(end, run.conditions.get("start_s")) if end else None
+        began_s = began.timestamp() if began else end_s
         yield from self._samples(run.run_id, began_s)
 
     def _event(self, stream: str, fields: Mapping[str, Any], time_s: float) -> Iterator[Document]:

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -21,7 +20,7 @@ import h5py
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.store.header_json import dumps, header_to_json
 from rigctl.campaign.store.store import Store
-from rigctl.core.errors import DataError
+from rigctl.core.whole_file import whole_file
 
 FORMAT = "rigctl campaign 1"
 _TEXT = h5py.string_dtype()
@@ -29,17 +28,8 @@ _TEXT = h5py.string_dtype()
 
 def write_hdf5(store: Store, path: Path) -> None:
     """Write all of `store` to a new file; `DataError` if `path` exists or cannot be made, then nothing is left."""
-    if path.exists():
-        raise DataError(f"{path}: exists already; name another file")
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with h5py.File(partial, "w", track_order=True) as file:
-            _write(store, file)
-        partial.rename(path)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written ({error}); check the directory and the disk") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path) as partial, h5py.File(partial, "w", track_order=True) as file:
+        _write(store, file)
 
 
 def _write(store: Store, file: h5py.File) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import BinaryIO, cast
 
@@ -260,9 +260,18 @@ def _text_among_numbers(place: Place, line: int, fields: list[str], header: list
 
 def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:
     """The columns, of equal length, as CSV whose numbers read back bit for bit; NaN is `nan`."""
+    return csv_header(columns) + csv_rows(columns.values())
+
+
+def csv_header(names: Iterable[str]) -> bytes:
+    """The first line of a table with these columns."""
     header = io.StringIO()
-    csv.writer(header, lineterminator="").writerow(columns)
+    csv.writer(header, lineterminator="\n").writerow(names)
+    return header.getvalue().encode()
+
+
+def csv_rows(columns: Iterable[FloatArray]) -> bytes:
+    """The lines below it."""
     # The shortest text that reads back as the same 64-bit float.
-    fields = [map(float.__repr__, column.tolist()) for column in columns.values()]
-    lines = [header.getvalue(), *map(",".join, zip(*fields, strict=True)), ""]
-    return "\n".join(lines).encode()
+    fields = [map(float.__repr__, column.tolist()) for column in columns]
+    return "".join(f"{line}\n" for line in map(",".join, zip(*fields, strict=True))).encode()

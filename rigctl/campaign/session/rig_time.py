@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from datetime import datetime, timedelta
 
-from rigctl.campaign.store.entries import RUN_ENDED
+from rigctl.campaign.store.entries import RUN_ENDED, Event
 from rigctl.campaign.store.store import Store
 from rigctl.core.clock import Clock
 
@@ -46,6 +47,16 @@ def ended_s(store: Store) -> dict[str, float]:
     runs = {run.key for run in store.runs()}
     events = [*store.events("once"), *(event for event in store.events(RUN_ENDED) if event.data["key"] in runs)]
     return {event.data["key"]: event.rig_time_s for event in events if event.rig_time_s is not None}
+
+
+def began_at(end: Event, began_s: object) -> datetime | None:
+    """The time of day at which a run began, by the event of its end and the rig time of its beginning; None where
+    one of them is not known.
+    """
+    # From the run's end: the rig time at which a clock began is kept nowhere.
+    if end.rig_time_s is None or not isinstance(began_s, int | float) or not math.isfinite(began_s):
+        return None
+    return datetime.fromisoformat(end.time) - timedelta(seconds=end.rig_time_s - began_s)
 
 
 def start_s(store: Store, part: int, *, virtual: bool) -> float:

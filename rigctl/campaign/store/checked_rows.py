@@ -100,6 +100,11 @@ class CheckedRows:
                     raise self._damaged_run(run, "a chunk")
                 yield name, data
 
+    def column_names(self, run: Row) -> tuple[str, ...]:
+        """The names of a run's columns in the order they first came, nothing verified."""
+        query = "SELECT name FROM samples WHERE id >= ? AND id < ? GROUP BY name ORDER BY MIN(id)"
+        return tuple(str(name) for (name,) in self.read(query, chunk_ids(run[0])))
+
     def samples(self, run: Row) -> Iterator[tuple[str, bytes]]:
         """As `chunks`; at their end `DamagedStore` unless those of a finished run are as they were written."""
         # Taken up as the chunks pass: samples of days are not held in memory to be verified.

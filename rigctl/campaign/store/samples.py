@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 
 import numpy as np
@@ -23,18 +23,23 @@ def joined_columns(chunks: Iterable[tuple[str, bytes]]) -> dict[str, FloatArray]
     }
 
 
-def sample_pieces(rows: CheckedRows, run: Row) -> Iterator[dict[str, FloatArray]]:
-    """The columns piece by piece, as they were written, each piece of one length in all columns; `DamagedStore`."""
+def sample_pieces(
+    rows: CheckedRows, run: Row, columns: Sequence[str] | None = None
+) -> Iterator[dict[str, FloatArray]]:
+    """The columns, all or those named, piece by piece, each piece of one length in all of them; `DamagedStore`."""
     # Gone through twice: this first pass verifies all of it, and holds one chunk at a time.
-    waiting: dict[str, list[FloatArray]] = {name: [] for name, _ in rows.samples(run)}
+    there = dict.fromkeys(name for name, _ in rows.samples(run))
+    waiting: dict[str, list[FloatArray]] = {name: [] for name in there if columns is None or name in columns}
     for name, data in rows.chunks(run):
+        if name not in waiting:
+            continue
         waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
         # Channels come in chunks of their own length: what all have is given out, the rest waits.
         if all(waiting.values()):
-            columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
-            count = min(column.size for column in columns.values())
-            yield {each: column[:count] for each, column in columns.items()}
-            waiting = {each: [column[count:]] if column.size > count else [] for each, column in columns.items()}
+            joined = {each: np.concatenate(parts) for each, parts in waiting.items()}
+            count = min(column.size for column in joined.values())
+            yield {each: column[:count] for each, column in joined.items()}
+            waiting = {each: [column[count:]] if column.size > count else [] for each, column in joined.items()}
 
 
 def last_samples(rows: CheckedRows, run: Row, count: int) -> dict[str, FloatArray]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import json
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
@@ -149,15 +149,19 @@ class Store:
 
         return joined_columns(self._rows.samples(self._run(run_id)))
 
-    def sample_chunks(self, run_id: str) -> Iterator[dict[str, FloatArray]]:
-        """The columns of a run piece by piece, as they were written, each piece of one length in all columns.
+    def column_names(self, run_id: str) -> tuple[str, ...]:
+        """The names of a run's columns in the order they first came, without reading samples; `DataError`."""
+        return self._rows.column_names(self._run(run_id))
+
+    def sample_chunks(self, run_id: str, columns: Sequence[str] | None = None) -> Iterator[dict[str, FloatArray]]:
+        """The columns of a run, all or those named, piece by piece, each piece of one length in all of them.
 
         What the columns of an interrupted run do not share is left out. `DataError` for an unknown run,
         `DamagedStore` as `samples`, before the first piece.
         """
         from rigctl.campaign.store.samples import sample_pieces
 
-        return sample_pieces(self._rows, self._run(run_id))
+        return sample_pieces(self._rows, self._run(run_id), columns)
 
     def last_samples(self, run_id: str, count: int) -> dict[str, FloatArray]:
         """At most the last `count` of every column, not verified, without reading the whole of a long run."""
