@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import h5py
 import pytest
+from pyarrow import parquet
 from typer.testing import CliRunner
 
 from rigctl import cli
@@ -334,7 +336,27 @@ def test_a_bundle_comes_back_as_a_finished_store_that_has_nothing_to_resume(done
 def test_export_formats(done: Any, tmp_path: Path) -> None:
     assert done.rigctl("export", done.store, "out", "--format", "hdf5", "--json").json["written"].endswith(".h5")
     assert [path.suffix for path in (tmp_path / "out").iterdir()] == [".h5"]
-    done.rigctl("export", done.store, "out", "--format", "csv").refused(2, "--format csv is unknown")
+    done.rigctl("export", done.store, "out", "--format", "xls").refused(2, "--format xls is unknown", "or csv")
+
+
+def test_a_file_for_other_programs_is_told_by_its_name(done: Any, tmp_path: Path) -> None:
+    assert "without a result" in done.rigctl("export", done.store, "x.nxs").err
+    for name in ("x.h5", "x.parquet"):
+        assert done.rigctl("export", done.store, name, "--json").json == {"written": name, "lost": []}
+    with h5py.File(tmp_path / "x.nxs") as file, Store.open(done.store, readonly=True) as store:
+        data = file["run_1/data"]
+        assert data["accel_v"][()].tobytes() == store.samples("1")["accel_v"].tobytes()
+        signal = file["campaign/table"].attrs["signal"]
+        assert signal == "accel_v_nu_in_phase"
+        value, u = (file["campaign/table"][name][()].tolist() for name in (signal, f"{signal}_errors"))
+    runs = parquet.read_table(tmp_path / "x.parquet")
+    assert [runs[name].to_pylist() for name in ("accel_v nu in-phase", "u_accel_v nu in-phase")] == [value, u]
+    assert all(0.0 < each < 1e-3 for each in u)  # volts
+    done.rigctl("export", done.store, "x.csv").refused(2, "2 runs in it (1, 2); name one with --run")
+    assert done.rigctl("export", done.store, "x.csv", "--run", "2").status == 0
+    assert (tmp_path / "x.csv").read_text().startswith("t_s,")
+    done.rigctl("export", done.store, "y.nxs", "--run", "2").refused(2, "--run is for the samples of one run as csv")
+    done.rigctl("export", done.store, "y.nxs", "--salvage").refused(2, "--salvage writes a bundle")
 
 
 # Locks

@@ -7,7 +7,7 @@ from typing import Any
 
 from rigctl.core.errors import ConfigError
 
-CLUSTER, NOTEBOOK, BLUESKY, SIGN = "cluster", "notebook", "bluesky", "sign"
+CLUSTER, NOTEBOOK, BLUESKY, SIGN, FILES = "cluster", "notebook", "bluesky", "sign", "files"
 """The extras of `pip install 'rigctl[EXTRA]'`."""
 
 
