@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import resource
 import sqlite3
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 import xarray
 
 from rigctl.analysis.measurement_result import MeasurementResult, Quantity, Source
+from rigctl.campaign.bundle.hdf5 import write_hdf5
 from rigctl.campaign.recording import ChannelInfo, Header
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DamagedStore, DataError
@@ -184,6 +186,23 @@ def test_damage_ends_it_and_leaves_nothing_until_the_run_is_marked_invalid(store
     with h5py.File(path) as file:
         assert "data" not in file["run_1_2__i_"]
         assert "not as they were written" in text(file["run_1_2__i_/record/samples_left_out"])
+
+
+@pytest.mark.parametrize("hdf5_export", [False, True])
+def test_a_full_disk_is_one_line_and_leaves_nothing(
+    store: Store, tmp_path: Path, capfd: pytest.CaptureFixture[str], hdf5_export: bool
+) -> None:
+    path, before = tmp_path / "s.nxs", sorted(tmp_path.iterdir())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
+    try:
+        with pytest.raises(DataError, match=r"s\.nxs: cannot be written \(File too large\); check the directory and"):
+            write_hdf5(store, path) if hdf5_export else write_nexus(store, TABLE, RESULT, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert sorted(tmp_path.iterdir()) == before
+    # HDF5 has a word on every object that it could not write.
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize(

@@ -17,10 +17,10 @@ from typing import Any
 
 import h5py
 
+from rigctl.campaign.bundle.whole_hdf5 import Check, whole_hdf5
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.store.header_json import dumps, header_to_json
 from rigctl.campaign.store.store import Store
-from rigctl.core.whole_file import whole_file
 
 FORMAT = "rigctl campaign 1"
 _TEXT = h5py.string_dtype()
@@ -28,11 +28,11 @@ _TEXT = h5py.string_dtype()
 
 def write_hdf5(store: Store, path: Path) -> None:
     """Write all of `store` to a new file; `DataError` if `path` exists or cannot be made, then nothing is left."""
-    with whole_file(path) as partial, h5py.File(partial, "w", track_order=True) as file:
-        _write(store, file)
+    with whole_hdf5(path) as (file, check):
+        _write(store, file, check)
 
 
-def _write(store: Store, file: h5py.File) -> None:
+def _write(store: Store, file: h5py.File, check: Check) -> None:
     header = store.header
     _attributes(
         file,
@@ -49,16 +49,17 @@ def _write(store: Store, file: h5py.File) -> None:
         group = file.create_group(kind)
         for name, info in infos.items():
             _attributes(group.create_group(_member(name)), asdict(info))
-    _runs(file.create_group("runs", track_order=True), store, store.runs())
-    _runs(file.create_group("interrupted_runs", track_order=True), store, store.interrupted_runs())
+    _runs(file.create_group("runs", track_order=True), store, store.runs(), check)
+    _runs(file.create_group("interrupted_runs", track_order=True), store, store.interrupted_runs(), check)
     _texts(file, "events", (asdict(event) for event in store.events()))
     _texts(file, "documents", (asdict(document) for document in store.documents()))
     _text(file, "identities", dumps(store.identities()))
     _text(file, "status", dumps(store.status()))
 
 
-def _runs(group: h5py.Group, store: Store, records: Iterable[RunRecord]) -> None:
+def _runs(group: h5py.Group, store: Store, records: Iterable[RunRecord], check: Check) -> None:
     for record in records:
+        check()
         run = group.create_group(record.run_id, track_order=True)
         known = asdict(record)
         conditions = known.pop("conditions")

@@ -28,6 +28,7 @@ from pathlib import Path
 import h5py
 
 from rigctl.analysis.measurement_result import MeasurementResult
+from rigctl.campaign.bundle.whole_hdf5 import Check, whole_hdf5
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.session.requests import is_running
 from rigctl.campaign.session.rig_time import began_at
@@ -36,7 +37,6 @@ from rigctl.campaign.store.store import Store
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import DamagedStore
 from rigctl.core.units import unit_of_column
-from rigctl.core.whole_file import whole_file
 from rigctl.exchange.nexus.campaign import write_campaign
 from rigctl.exchange.nexus.groups import Names, field, group, named_fields
 from rigctl.exchange.nexus.samples import write_stream
@@ -50,12 +50,12 @@ RECORD = ("key", "step", "state", "valid", "reason")
 def write_nexus(store: Store, table: StoreTable, result: MeasurementResult | None, path: Path) -> None:
     """Write a store, with its table and, where there is one, its result, to a new file.
 
-    `DataError` as `whole_file`, `DamagedStore` for a run that is not as it was written.
+    `DataError` as `whole_hdf5`, `DamagedStore` for a run that is not as it was written.
     """
-    with whole_file(path) as partial, h5py.File(partial, "w", track_order=True) as file:
+    with whole_hdf5(path) as (file, check):
         _root(file, path)
         write_campaign(group(file, CAMPAIGN, "NXentry"), store, table, result)
-        _runs(file, store)
+        _runs(file, store, check)
 
 
 def _root(file: h5py.File, path: Path) -> None:
@@ -69,10 +69,11 @@ def _root(file: h5py.File, path: Path) -> None:
     file.attrs["default"] = CAMPAIGN
 
 
-def _runs(file: h5py.File, store: Store) -> None:
+def _runs(file: h5py.File, store: Store, check: Check) -> None:
     ends = {event.data["key"]: event for event in store.events(RUN_ENDED)}
     names, default = Names(file.keys()), ""
     for run in (*store.runs(), *_cut_off(store)):
+        check()
         entry = group(file, names.of(f"run_{run.run_id}"), "NXentry")
         field(entry, "title", f"run {run.run_id} of {store.header.title or store.path.name}")
         field(entry, "entry_identifier", run.run_id)
