@@ -48,4 +48,4 @@ def test_nxcheck_finds_nothing_and_would_find_something(exported: Path, tmp_path
         run["data"].attrs["axes"] = ["none"]
         run["not a name"] = 1.0
         del run["settings"].attrs["NX_class"]
-    assert errors_in(broken) == (3, 1)
+    assert errors_in(broken) == (3, 2)
