@@ -44,7 +44,7 @@ SIDE_BY_SIDE = 3
 SHOWN_COVARIATES = 8
 """Covariates shown in the page, those that residuals follow most clearly; --figures writes all."""
 
-MOST_ROWS = 24
+MOST_ROWS = 60
 """Rows of a table that a report opens with: a longer one is looked up, not read."""
 
 MAX_RANKS = 16

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib as mpl
+import matplotlib.figure
 import numpy as np
 import pytest
 
@@ -249,6 +250,20 @@ def test_a_figure_in_a_page_and_in_a_file_is_drawn_once(tmp_path):
     plate.write(tmp_path)
     assert (tmp_path / "figure.svg").read_text(encoding="utf-8").endswith(element)
     assert len(drawn) == 1
+
+
+def test_an_experiment_from_outside_may_draw_with_matplotlib(tmp_path):
+    def draw(rows):
+        figure = mpl.figure.Figure(figsize=(2.0, 1.0))
+        figure.subplots().plot([row.x for row in rows], [row.x for row in rows])
+        return figure
+
+    with mpl.rc_context({"svg.hashsalt": "other", "axes.facecolor": "red"}):
+        plates = [Plate("foreign", "a caption", [Row(1.0), Row(2.0)], draw) for _ in range(2)]
+        assert plates[0].svg == plates[1].svg
+        plates[0].write(tmp_path)
+    assert ET.parse(tmp_path / "foreign.svg").getroot().tag == "{http://www.w3.org/2000/svg}svg"
+    assert "#ff0000" not in plates[0].svg
 
 
 def test_a_directory_that_cannot_be_written_is_one_line(one_configuration, tmp_path):

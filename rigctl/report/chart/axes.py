@@ -71,6 +71,7 @@ class Axes:
         fmt: str,
         color: str = INK,
         markersize: float = 4.0,
+        markerfacecolor: str = "",
         capsize: float = 0.0,
         label: str | None = None,
         titles: Sequence[str] = (),
@@ -85,10 +86,20 @@ class Axes:
                 scale.data.append(bars)
         self.marks.append(
             Series(
-                xs, ys, color, "", fmt, "", markersize, label=label or "", x_bars=x_bars, y_bars=y_bars, cap=capsize,
-                titles=titles, order=zorder,
+                xs,
+                ys,
+                color,
+                marker=fmt,
+                face=markerfacecolor,
+                size=markersize,
+                label=label or "",
+                x_bars=x_bars,
+                y_bars=y_bars,
+                cap=capsize,
+                titles=titles,
+                order=zorder,
             )
-        )  # fmt: skip
+        )
 
     def barh(
         self,
@@ -108,6 +119,9 @@ class Axes:
         lefts = np.broadcast_to(_numbers(left), lengths.shape)
         self.x.data += [np.array(lefts), lefts + lengths]
         self.y.data += [ys - 0.5 * height, ys + 0.5 * height]
+        if np.all(lefts == 0.0) and np.all(lengths >= 0.0):
+            # Bars stand on the frame.
+            self.x.low = 0.0
         self.marks.append(Bars(ys, lefts, lengths, height, _each(facecolor), _each(edgecolor), hatch, alpha, label))
 
     def axhline(self, at: float, *, color: str = INK, linewidth: float = 1.0, linestyle: Any = "-", label: str = "",

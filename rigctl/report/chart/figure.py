@@ -108,7 +108,7 @@ class Figure:
         if self._side:
             body.append(words(LETTERS + 1.0, 0.5 * self.height, self._side, LETTERS, "middle", turned=True))
         lines = _legend_lines(self._legend, WIDTH_PT - 20.0)
-        top = self.height - _LINE * SMALL * len(lines) + 2.0
+        top = self.height - _LINE * SMALL * len(lines) - 2.0
         for k, line in enumerate(lines):
             left = 0.5 * (WIDTH_PT - _line_width(line))
             body += _legend_line(line, left, top + _LINE * SMALL * (k + 0.5))
@@ -140,7 +140,7 @@ class Figure:
         above = [max(room.above for room in row) for row in grid]
         below = [max(room.below for room in row) for row in grid]
         side = LETTERS * _LINE + 2.0 if self._side else 0.0
-        legend = _LINE * SMALL * len(_legend_lines(self._legend, WIDTH_PT - 20.0)) + (2.0 if self._legend else 0.0)
+        legend = _LINE * SMALL * len(_legend_lines(self._legend, WIDTH_PT - 20.0)) + (6.0 if self._legend else 0.0)
         wide = WIDTH_PT - side - sum(lefts) - sum(rights) - _APART * (columns - 1) - 2.0
         high = self.height - sum(above) - sum(below) - legend - 4.0 * (rows - 1) - 4.0
         # Words may need more than there is: a panel keeps some room, and the page grows.

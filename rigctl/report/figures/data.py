@@ -47,10 +47,11 @@ class Plate(Generic[Row]):
     @cached_property
     def svg(self) -> str:
         """The figure as one SVG element, drawn once for a page and for a file."""
-        figure = self.draw(self.rows)
-        if isinstance(figure, Figure):
-            return figure.svg(self.name, self.caption)
-        return from_matplotlib.svg(figure, self.name)
+        with from_matplotlib.figure_style():
+            figure = self.draw(self.rows)
+            if isinstance(figure, Figure):
+                return figure.svg(self.name, self.caption)
+            return from_matplotlib.svg(figure, self.name)
 
 
 def file_name(text: str) -> str:

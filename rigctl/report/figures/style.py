@@ -33,6 +33,10 @@ _SERIES = (
 )
 
 
+SERIES = len(_SERIES)
+"""Series that look different."""
+
+
 def series_style(index: int) -> SeriesStyle:
     """The look of the series with this number."""
     return _SERIES[index % len(_SERIES)]

@@ -14,7 +14,7 @@ from rigctl.experiments.frequency_response.model import ResponseModel
 from rigctl.experiments.frequency_response.result import AtFrequency, Deviation, ResponseResult
 from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import BLUE, INK, VERMILION, series_style
+from rigctl.report.figures.style import BLUE, INK, PAPER, SERIES, VERMILION, series_style
 
 CURVE_POINTS = 100
 
@@ -89,6 +89,8 @@ def _drawn_linearity(rows: Sequence[Deviation]) -> Figure:
             [1e6 * r.sigma for r in own],
             fmt=look.marker,
             color=look.color,
+            # Beyond the palette's end its colours come again, open.
+            markerfacecolor=PAPER if place >= SERIES else "",
             markersize=3.0,
             capsize=2.0,
             label=f"{frequency_hz:g} Hz",
