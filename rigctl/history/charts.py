@@ -89,7 +89,7 @@ def _dates(first_day: float, last_day: float) -> tuple[list[float], list[str]]:
 def _drawn(rows: Sequence[ChartRow], *, label: str, disagrees: bool) -> Figure:
     figure = Figure(2.2)
     axes = figure.subplots()
-    # matplotlib's own dates are days.
+    # Dates are days since 1970.
     time = np.array([datetime.fromisoformat(row.started).timestamp() / DAY_S for row in rows])
     value, reference = (np.array([getattr(row, name) for row in rows]) for name in ("placed", "reference"))
     bar = COVERAGE * np.array([row.independent for row in rows])
