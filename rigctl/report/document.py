@@ -303,7 +303,10 @@ def _candidates(evidence: Evidence) -> Iterator[str]:
 def result_pieces(bench: Workbench) -> Iterator[str]:
     """The tables and figures of a store's result."""
     lines_hz = [float(term.choice["frequency_hz"]) for term in bench.current.terms if "frequency_hz" in term.choice]
-    return _result(bench.store, _drawn(bench, lines_hz, ()))
+    drawn = _drawn(bench, lines_hz, ())
+    yield from _shown(_tables(bench.store, drawn))
+    yield from map(html.figure, _distinct(drawn.plates))
+    yield from _left_out(drawn)
 
 
 def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:

@@ -41,7 +41,7 @@ class Plate(Generic[Row]):
 
     def _repr_html_(self) -> str:
         # In a notebook's own ink on its own paper.
-        svg = svg_element(self).replace("#000000", "currentColor").replace("#ffffff", "none")
+        svg = self.svg.replace("#000000", "currentColor").replace("#ffffff", "none")
         return f"<figure>{svg}<figcaption>{escape(self.caption)}</figcaption></figure>"
 
     @cached_property
