@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
 
-Measurement = Callable[[Mapping[str, float]], FloatArray]
+Measurement = Callable[[Mapping[str, Any]], FloatArray]
 
 COVERAGE = 0.95
 """Probability of expanded uncertainties."""
@@ -170,12 +170,20 @@ def monte_carlo(
     *,
     draws: int,
     seed: int,
+    together: bool = False,
 ) -> MonteCarlo:
-    """Propagate the distributions of independent contributions through `measurement`."""
+    """Propagate the distributions of independent contributions through `measurement`.
+
+    With `together` it is asked once: values are arrays (draws,), and it gives shape (draws, len(outputs)).
+    """
     _check(contributions)
     # A stream each: a contribution appended to the list leaves the others' draws as they were.
     streams = np.random.default_rng(seed).spawn(len(contributions))
     columns = {each.name: each.draw(rng, draws) for each, rng in zip(contributions, streams, strict=True)}
+    if together:
+        return MonteCarlo(
+            _checked(np.asarray(measurement(columns)), (draws, len(outputs)), outputs, "one of the draws")
+        )
     samples = [
         _evaluate(measurement, {name: float(column[k]) for name, column in columns.items()}, outputs)
         for k in range(draws)
@@ -219,11 +227,15 @@ def _end_uncertainty(check: MonteCarlo) -> FloatArray:
 
 def _evaluate(measurement: Measurement, values: Mapping[str, float], outputs: Sequence[str]) -> FloatArray:
     result = np.atleast_1d(np.asarray(measurement(values), dtype=np.float64))
-    if result.shape != (len(outputs),):
+    return _checked(result, (len(outputs),), outputs, values)
+
+
+def _checked(result: FloatArray, shape: tuple[int, ...], outputs: Sequence[str], where: object) -> FloatArray:
+    if result.shape != shape:
         raise ProcedureError(f"the measurement gave shape {result.shape} for {len(outputs)} outputs")
-    bad = np.flatnonzero(~np.isfinite(result))
+    bad = np.argwhere(~np.isfinite(result))
     if bad.size:
-        raise ProcedureError(f"the measurement gave no finite {outputs[bad[0]]} at {dict(values)}")
+        raise ProcedureError(f"the measurement gave no finite {outputs[int(bad[0, -1])]} at {where}")
     return result
 
 

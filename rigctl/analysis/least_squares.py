@@ -249,11 +249,14 @@ class _Problem:
         # Columns of unit length: the rank then depends on how alike columns are and not on the parameters' units.
         scale = np.where(norms > 0.0, norms, 1.0)
         # The decomposition is then of a matrix of the parameters' size, whatever the number of data.
-        Q, R = np.linalg.qr(columns / scale)
+        # The residuals go along as one more column: Q^T r comes out of it, and Q need not be formed.
+        count = min(columns.shape)
+        triangle: FloatArray = np.linalg.qr(np.column_stack([columns / scale, r]), mode="r")  # type: ignore[assignment]
+        R, projected = triangle[:count, :-1], triangle[:count, -1]
         # All rows of V': with fewer data than parameters the last of them span the null space.
         U, s, Vt = svd(R, full=True)
         rank = int(np.sum(s > self._rcond * s[0])) if s.size and s[0] > 0.0 else 0
-        return _State(p, r, J, active, scale, U.T @ (Q.T @ r), s, Vt, rank)
+        return _State(p, r, J, active, scale, U.T @ projected, s, Vt, rank)
 
     def result(self, state: _State, converged: bool, iterations: int) -> FitResult:
         n = len(self.parameters)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
+from scipy import special  # not scipy.stats, whose import takes longer than a search for lines
 from scipy.ndimage import median_filter
 
 from rigctl.analysis.line_scan import LEVEL_CELLS, FoundLine, LineScan
@@ -108,7 +108,8 @@ class _Test:
         # The tail grows by what each run's own noise level is uncertain by (saddle point of the sum).
         # It is an expansion: for a line as strong as tens of levels it would grow beyond what it corrects.
         # F, for the level below is an estimate as well.
-        known = stats.f.logsf(power, 2 * shape, 2 * self.level_shape[tried])
+        with np.errstate(divide="ignore"):
+            known = np.log(special.fdtrc(2 * shape, 2 * self.level_shape[tried], power))
         tail = np.minimum(0.5 * _LEVEL_VARIANCE * shape * (power - 1.0) ** 2, -0.5 * known)
         self.log_p[tried] = known + tail
 
@@ -175,7 +176,7 @@ class _Test:
             variance += n * (scatter + _LEVEL_VARIANCE)
         if not counts:
             return 1.0, 1.0
-        return p_of_alike_powers(statistic, counts), float(stats.norm.sf((statistic - expected) / np.sqrt(variance)))
+        return p_of_alike_powers(statistic, counts), float(special.ndtr(-(statistic - expected) / np.sqrt(variance)))
 
     def _held_out(self, at: int) -> float:
         """Error of the power at the line in one half, predicted from the other, after over before; 1 for one half."""
@@ -260,7 +261,9 @@ def _neighbourhood(values: FloatArray, width: int) -> FloatArray:
     padded = np.pad(values, width, mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * width + 1)
     offsets = np.r_[0 : width - _SHOULDER, width + _SHOULDER + 1 : 2 * width + 1]
-    return np.asarray(stats.trim_mean(windows[:, offsets], _TRIMMED, axis=1))
+    left_out = int(_TRIMMED * offsets.size)
+    ordered = np.partition(windows[:, offsets], (left_out, offsets.size - left_out - 1), axis=1)
+    return np.asarray(np.mean(ordered[:, left_out : offsets.size - left_out], axis=1))
 
 
 def _log_ratio_of_rice(ratio: float) -> tuple[float, float]:
@@ -270,7 +273,7 @@ def _log_ratio_of_rice(ratio: float) -> tuple[float, float]:
     """
     # Ten standard deviations of a Poisson number, and for small ones enough.
     numbers = np.arange(int(ratio + 10.0 * np.sqrt(ratio) + 30.0))
-    weight = stats.poisson.pmf(numbers, ratio)
+    weight = np.exp(special.xlogy(numbers, ratio) - special.gammaln(numbers + 1) - ratio)
     digamma = special.digamma(1.0 + numbers)
     mean, mean_log = 1.0 + ratio, float(weight @ digamma)
     variance_log = float(weight @ (special.polygamma(1, 1.0 + numbers) + digamma**2)) - mean_log**2
@@ -306,4 +309,4 @@ def p_of_alike_powers(statistic: float, counts: Sequence[float]) -> float:
     """
     dof = sum(n - 1.0 for n in counts)
     correction = 1.0 + sum(n - 1.0 / n for n in counts) / (6.0 * dof)
-    return float(stats.chi2.cdf(2.0 * statistic / correction, dof))
+    return float(special.chdtr(dof, 2.0 * statistic / correction))

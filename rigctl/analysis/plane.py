@@ -134,6 +134,13 @@ def fit_plane(vectors: FloatArray, nominal_axis: FloatArray) -> PlaneFit:
     )
 
 
+def plane_normals(vectors: FloatArray, nominal_axis: FloatArray) -> FloatArray:
+    """The normals alone that `fit_plane` gives of vectors (..., n, 3), shape (..., 3): of many planes at once."""
+    units = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    normals = np.linalg.svd(units, full_matrices=False)[2][..., 2, :]
+    return np.asarray(normals * np.sign(normals @ nominal_axis)[..., None])
+
+
 def angle_between(a: Axis, b: Axis) -> AxisAngle:
     """Give the angle between two independent axes with its sigma from their covariances."""
     cosine = float(a.unit @ b.unit)

@@ -56,7 +56,7 @@ def history(
 
 def _require_place(out: Path | None) -> None:
     if out is not None:
-        from rigctl.report.html import require_directory  # matplotlib, which only a page needs
+        from rigctl.report.html import require_directory  # drawing, which only a page needs
 
         require_directory(out)
 

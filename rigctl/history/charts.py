@@ -5,22 +5,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import date, datetime, timedelta
 from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rigctl.history.catalogue import Catalogue
 from rigctl.history.item_history import ItemHistory, QuantityHistory
 from rigctl.history.tables import consistency_table, title_of, warnings_of
 from rigctl.report import html
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate, file_name
-from rigctl.report.figures.style import BLUE, SOFT, VERMILION, new_figure
+from rigctl.report.figures.style import BLUE, SOFT, VERMILION
 from rigctl.report.quantities import counted, number, quantity
 from rigctl.report.tables.result_table import ResultTable
 
 DAY_S = 86400.0
+EPOCH = date(1970, 1, 1)
 NAME_CHARACTERS = 120
 """Of a figure's file: more than a name is read for, fewer than a file system allows."""
 COVERAGE = 2.0
@@ -79,18 +80,24 @@ def _rows(of: QuantityHistory) -> Iterator[ChartRow]:
         )
 
 
+def _dates(first_day: float, last_day: float) -> tuple[list[float], list[str]]:
+    """Places in days since 1970 with their dates, five of them; one where all is of one day."""
+    days = sorted({round(first_day + share * (last_day - first_day)) for share in np.linspace(0.0, 1.0, 5)})
+    return [float(day) for day in days], [(EPOCH + timedelta(days=day)).isoformat() for day in days]
+
+
 def _drawn(rows: Sequence[ChartRow], *, label: str, disagrees: bool) -> Figure:
-    figure = new_figure(2.2)
+    figure = Figure(2.2)
     axes = figure.subplots()
-    # matplotlib's own dates are days.
+    # Dates are days since 1970.
     time = np.array([datetime.fromisoformat(row.started).timestamp() / DAY_S for row in rows])
     value, reference = (np.array([getattr(row, name) for row in rows]) for name in ("placed", "reference"))
     bar = COVERAGE * np.array([row.independent for row in rows])
     axes.plot(time, reference, color=SOFT, linewidth=0.8)
     ends = [(slice(None, -1), BLUE, "o"), (slice(-1, None), VERMILION if disagrees else BLUE, "s")]
     for part, colour, marker in ends:
-        axes.errorbar(time[part], value[part], bar[part], color=colour, marker=marker, linestyle="", capsize=2)
-    axes.xaxis_date()
+        axes.errorbar(time[part], value[part], bar[part], fmt=marker, color=colour, capsize=2.0)
+    axes.set_xticks(*_dates(float(time.min()), float(time.max())))
     axes.set_ylabel(label)
     return figure
 

@@ -13,11 +13,14 @@ from rigctl.core.errors import UNFIT, ConfigError
 from rigctl.core.experiments import of_readings
 from rigctl.report import html
 from rigctl.report.drawn import Drawn, drawing_of
+from rigctl.report.figure_script import HINT, SCRIPT, STYLE
 from rigctl.report.figures.data import Plate, write_plates
 from rigctl.report.figures.residuals import residual_plates
 from rigctl.report.figures.workbench import ladder_plate, ranking_plate
+from rigctl.report.opening import calibrated
 from rigctl.report.quantities import counted
-from rigctl.report.tables.workbench import channels_table, ladder_table, parameters_table, ranking_table, rms_tables
+from rigctl.report.tables.result_table import ResultTable
+from rigctl.report.tables.workbench import channels_table, ladder_tables, parameters_table, ranking_table, rms_tables
 from rigctl.report.terminal import repeats_line
 from rigctl.report.verdicts import (
     advice,
@@ -40,6 +43,9 @@ SIDE_BY_SIDE = 3
 
 SHOWN_COVARIATES = 8
 """Covariates shown in the page, those that residuals follow most clearly; --figures writes all."""
+
+MOST_ROWS = 60
+"""Rows of a table that a report opens with: a longer one is looked up, not read."""
 
 MAX_RANKS = 16
 """Candidates in the table, beside the significant ones."""
@@ -154,19 +160,28 @@ def _side_by_side(
 def study_page(store: Store, drawn: Drawn) -> str:
     """The report on a store that has a result and no runs."""
     title = store.header.title or store.path.name
+    result, details = _parted(_tables(store, drawn))
     body = [
         html.heading(title, 1),
         html.paragraph(f"{store.header.experiment}; {store.path.name}", "soft"),
-        *_result(store, drawn),
+        *_calibrated(store),
+        html.heading("Result"),
+        *_shown(result),
+        *_left_out(drawn),
+        *_figures(drawn),
+        *_details(details),
     ]
-    return html.page(title, body)
+    return html.page(title, body, STYLE, SCRIPT)
 
 
 def page(evidence: Evidence) -> str:
-    """The report as one HTML document."""
+    """The report as one HTML document: what was calibrated, the result and the verdict, then the evidence."""
     store, diagnosis, headline = evidence.store, evidence.diagnosis, _headline(evidence.rungs)
     title, name = store.header.title or store.path.name, store.path.name
     repeated = repeats_line(repeats_in(store))
+    parameters = parameters_table(evidence.fit)
+    # An experiment without a result of its own has its parameters as the result.
+    result, details = _parted(_tables(store, evidence.drawn) or [parameters])
     body = [
         html.heading(title, 1),
         html.paragraph(
@@ -174,26 +189,64 @@ def page(evidence: Evidence) -> str:
             f"model version {headline['version']}: {model_name(headline['effects'])}; {name}",
             "soft",
         ),
+        *_calibrated(store),
         *([html.paragraph(f"Runs: {repeated}.", "soft")] if repeated else []),
         *map(html.paragraph, _warned(evidence.rungs)),
         html.paragraph(verdict_sentence(diagnosis), f"verdict {diagnosis['verdict']}"),
+        html.heading("Result"),
+        *_shown(result),
+        *_left_out(evidence.drawn),
         html.paragraph("What to do next:", "soft"),
         html.command(advice(diagnosis, name)),
         *map(html.paragraph, slow_noise_sentences(diagnosis)),
+        *_figures(evidence.drawn),
         html.heading("Error ladder"),
         # One version makes no ladder; its numbers stand in the table.
         *([html.figure(evidence.ladder)] if len(evidence.rungs) > 1 else []),
-        *map(html.table, [ladder_table(evidence.rungs), *rms_tables(evidence.rungs)]),
+        *map(html.table, [*ladder_tables(evidence.rungs), *rms_tables(evidence.rungs)]),
         html.heading("Residuals"),
         *_residuals(evidence),
     ]
     if evidence.drawn.spectra:
         body += [html.heading("What is left in the samples"), *map(html.figure, evidence.drawn.spectra)]
     body += [html.heading("Candidates"), *_candidates(evidence)]
-    body += [html.heading("Result"), *_result(store, evidence.drawn)]
-    # Last: a reader wants the result before the model's parameters.
-    body.append(html.table(parameters_table(evidence.fit)))
-    return html.page(title, body)
+    told = parameters.columns in [each.columns for each in (*result, *details)]
+    body += _details([*details, *([] if told else [parameters])])
+    return html.page(title, body, STYLE, SCRIPT)
+
+
+def _calibrated(store: Store) -> list[str]:
+    return [html.paragraph(said) for said in calibrated(store) if said] + [html.paragraph(HINT, "soft hint")]
+
+
+def _tables(store: Store, drawn: Drawn) -> list[ResultTable]:
+    return list(drawing_of(store.header.experiment, store.path).tables(drawn.result, {})) if drawn.result else []
+
+
+def _parted(tables: Sequence[ResultTable]) -> tuple[list[ResultTable], list[ResultTable]]:
+    """What a report opens with, and what is looked up: long tables, and what uncertainties are made of."""
+    opening = [each for each in tables if each.printed and each.tab != "Budget" and len(each.rows) <= MOST_ROWS]
+    return opening, [each for each in tables if each not in opening]
+
+
+def _shown(tables: Sequence[ResultTable]) -> Iterator[str]:
+    for each in tables:
+        if each.title:
+            yield html.paragraph(each.title)
+        yield html.table(each)
+
+
+def _details(tables: Sequence[ResultTable]) -> list[str]:
+    return [html.heading("Details of the result"), *_shown(tables)] if tables else []
+
+
+def _left_out(drawn: Drawn) -> Iterator[str]:
+    yield html.listing(f"{what}: {reason}" for what, reason in drawn.left_out.items())
+
+
+def _figures(drawn: Drawn) -> list[str]:
+    shown = _distinct(drawn.plates)
+    return [html.heading("The result in figures"), *map(html.figure, shown)] if shown else []
 
 
 def _headline(rungs: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
@@ -250,17 +303,12 @@ def _candidates(evidence: Evidence) -> Iterator[str]:
 def result_pieces(bench: Workbench) -> Iterator[str]:
     """The tables and figures of a store's result."""
     lines_hz = [float(term.choice["frequency_hz"]) for term in bench.current.terms if "frequency_hz" in term.choice]
-    return _result(bench.store, _drawn(bench, lines_hz, ()))
+    drawn = _drawn(bench, lines_hz, ())
+    yield from _shown(_tables(bench.store, drawn))
+    yield from map(html.figure, _distinct(drawn.plates))
+    yield from _left_out(drawn)
 
 
 def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
     """Without those that show what an earlier one shows: the paper's figure 12 is that of one of the mountings."""
     return [plate for i, plate in enumerate(plates) if all(plate.rows != earlier.rows for earlier in plates[:i])]
-
-
-def _result(store: Store, drawn: Drawn) -> Iterator[str]:
-    for table in drawing_of(store.header.experiment, store.path).tables(drawn.result, {}) if drawn.result else ():
-        yield html.paragraph(table.title)
-        yield html.table(table)
-    yield from map(html.figure, _distinct(drawn.plates))
-    yield html.listing(f"{what}: {reason}" for what, reason in drawn.left_out.items())

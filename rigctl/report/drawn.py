@@ -14,7 +14,7 @@ from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
 
 if TYPE_CHECKING:
-    from rigctl.report.figures.data import Plate  # needs matplotlib, which a printed result does not
+    from rigctl.report.figures.data import Plate  # drawing, which a printed result does without
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""One HTML file that needs nothing else: no script, no network, in light, in the dark and on paper."""
+"""One HTML file that needs nothing else: no network, whole without script, in light, in the dark and on paper."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.core.errors import DataError
-from rigctl.report.figures.data import Plate, svg_element
+from rigctl.report.figures.data import Plate
 from rigctl.report.tables.result_table import ResultTable
 
 _STYLE = """
@@ -44,13 +44,14 @@ svg text { fill: currentColor; }
 """
 
 
-def page(title: str, body: Iterable[str], style: str = "") -> str:
-    """A whole document around pieces of HTML, with further rules of `style`."""
+def page(title: str, body: Iterable[str], style: str = "", script: str = "") -> str:
+    """A whole document around pieces of HTML, with further rules of `style`, and a script where there is one."""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{_STYLE}{style}</style>\n</head>\n<body>\n"
         + "\n".join(body)
+        + (f"\n<script>{script}</script>" if script else "")
         + "\n</body>\n</html>\n"
     )
 
@@ -115,5 +116,5 @@ def table(table: ResultTable) -> str:
 def figure(plate: Plate[Any]) -> str:
     """A figure with its caption, in the page's own ink on its own paper."""
     # Ink and paper of the figure become those of the page, in the dark too.
-    svg = svg_element(plate).replace("#000000", "currentColor").replace("#ffffff", "var(--paper)")
+    svg = plate.svg.replace("#000000", "currentColor").replace("#ffffff", "var(--paper)")
     return f"<figure>{svg}<figcaption>{escape(plate.caption)}</figcaption></figure>"

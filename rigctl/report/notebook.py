@@ -1,7 +1,7 @@
 """What a notebook shows of findings: the sentences, tables and figures of a report, and frames to go on with.
 
 Each is the finding itself, with `plot` and `frame` beside its own attributes. A plot is a `Plate`: its rows are data,
-and `plate.draw(plate.rows)` is a figure of matplotlib.
+and `plate.svg` is the figure as SVG.
 """
 
 from __future__ import annotations

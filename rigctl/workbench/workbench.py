@@ -63,6 +63,7 @@ class Workbench:
         self._study_with, self._allowed = study_with, allowed
         self._attempts: dict[int, Attempt] = {}
         self._optima: dict[int, Optimum] = {}
+        self._fits: dict[int, ModelFit] = {}
         self._account: tuple[list[tuple[Term, ...]], Account] | None = None
         self._plugins = {PluginFile.of(path): _loaded(path) for path in plugins}
 
@@ -111,8 +112,11 @@ class Workbench:
         """A version, by default the current one, fitted to the runs."""
         from rigctl.workbench.verdict.fit import fitted
 
-        chosen = version or self.current
-        return fitted(self.attempt(chosen), self.account(), self._optimum(chosen), self._warnings(chosen))
+        chosen, account = version or self.current, self.account()
+        if chosen.version not in self._fits:
+            found = fitted(self.attempt(chosen), account, self._optimum(chosen), self._warnings(chosen))
+            self._fits[chosen.version] = found
+        return self._fits[chosen.version]
 
     def fit(self, version: ModelVersion | None = None) -> ModelFit:
         """The same, and keep the outcome."""
@@ -185,7 +189,8 @@ class Workbench:
         if account is None or known != terms:
             if account is None or known != terms[: len(known)] or not all(map(account.covers, terms[len(known) :])):
                 # A version more changes the noise, and with it every fit there was.
-                account, self._attempts, self._optima = self._account_of(terms, progress), {}, {}
+                account = self._account_of(terms, progress)
+                self._attempts, self._optima, self._fits = {}, {}, {}
             self._account = (terms, account)
         return account
 

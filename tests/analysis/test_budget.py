@@ -96,6 +96,28 @@ class TestMonteCarlo:
         assert stats.kstest((check.samples[:, 0] - 1.0) / 0.2, stats.t(5).cdf).pvalue > 0.01
         assert compare(first, check).validated == (True,)
 
+    def test_all_draws_together_are_those_one_by_one(self):
+        inputs, outputs = [GAIN, SIGNAL, OFFSET], ["a", "b"]
+        each = monte_carlo(linear, inputs, outputs, draws=50, seed=7).samples
+        asked = []
+
+        def together(values):
+            asked.append(len(values["gain"]))
+            return linear(values).T
+
+        at_once = monte_carlo(together, inputs, outputs, draws=50, seed=7, together=True).samples
+        np.testing.assert_array_equal(at_once, each)
+        assert asked == [50]
+        with pytest.raises(ProcedureError, match="no finite b at one of the draws"):
+            monte_carlo(
+                lambda v: np.stack([v["gain"], v["gain"] * np.nan], axis=1),
+                inputs,
+                outputs,
+                draws=5,
+                seed=7,
+                together=True,
+            )
+
     def test_the_same_seed_gives_the_same_draws(self):
         one, two, other = (
             monte_carlo(linear, [GAIN, SIGNAL, OFFSET], ["a", "b"], draws=10, seed=seed).samples for seed in (7, 7, 8)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from rigctl.analysis.plane import ARCSEC, Axis, angle_between, fit_plane
+from rigctl.analysis.plane import ARCSEC, Axis, angle_between, fit_plane, plane_normals
 from rigctl.core.errors import ProcedureError
 
 SCATTER_RAD = 12.5 * ARCSEC
@@ -204,6 +204,15 @@ class TestAngleBetween:
         found = angle_between(axis, axis)
         assert found.rad == 0.0
         assert found.sigma_rad == pytest.approx(np.sqrt(18.0) * ARCSEC)
+
+
+def test_the_normals_of_many_planes_are_those_of_each():
+    rng = np.random.default_rng(5)
+    planes = np.stack([two_clusters(rng) for _ in range(7)])
+    nominal = np.array([0.0, 0.0, -1.0])
+    expected = [fit_plane(vectors, nominal).normal for vectors in planes]
+    np.testing.assert_allclose(plane_normals(planes, nominal), expected, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(plane_normals(planes[0], nominal), expected[0], rtol=0.0, atol=1e-15)
 
 
 def test_the_papers_axes_are_as_far_apart_as_its_table_2():

@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib as mpl
+import matplotlib.figure
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from rigctl.core.errors import DataError
 from rigctl.experiments.sensing_axis.result.budget import axis_budgets
-from rigctl.report.figures.data import Plate, svg_element, write_plates
+from rigctl.report.chart.figure import Figure
+from rigctl.report.chart.marks import Series
+from rigctl.report.figures.data import Plate, write_plates
 from rigctl.report.figures.residuals import ResidualRow, draw_residuals
 from rigctl.report.figures.sensing_axis.figures import plates_of
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
@@ -239,13 +241,29 @@ def test_a_figure_in_a_page_and_in_a_file_is_drawn_once(tmp_path):
 
     def draw(rows):
         drawn.append(rows)
-        return Figure()
+        figure = Figure(1.0)
+        figure.subplots()
+        return figure
 
     plate = Plate("figure", "a caption", [Row(1.0)], draw)
-    element = svg_element(plate)
+    element = plate.svg
     plate.write(tmp_path)
     assert (tmp_path / "figure.svg").read_text(encoding="utf-8").endswith(element)
     assert len(drawn) == 1
+
+
+def test_an_experiment_from_outside_may_draw_with_matplotlib(tmp_path):
+    def draw(rows):
+        figure = mpl.figure.Figure(figsize=(2.0, 1.0))
+        figure.subplots().plot([row.x for row in rows], [row.x for row in rows])
+        return figure
+
+    with mpl.rc_context({"svg.hashsalt": "other", "axes.facecolor": "red"}):
+        plates = [Plate("foreign", "a caption", [Row(1.0), Row(2.0)], draw) for _ in range(2)]
+        assert plates[0].svg == plates[1].svg
+        plates[0].write(tmp_path)
+    assert ET.parse(tmp_path / "foreign.svg").getroot().tag == "{http://www.w3.org/2000/svg}svg"
+    assert "#ff0000" not in plates[0].svg
 
 
 def test_a_directory_that_cannot_be_written_is_one_line(one_configuration, tmp_path):
@@ -298,8 +316,6 @@ def residuals_of(per_series: int) -> list[ResidualRow]:
 )
 def test_series_of_few_data_are_drawn_together_by_channel(per_series: int, panels: list[str]) -> None:
     figure = draw_residuals(residuals_of(per_series))
-    assert [axes.get_ylabel() for axes in figure.axes] == panels
-    points = sum(
-        np.size(line.get_xdata()) for axes in figure.axes for line in axes.lines if line.get_marker() != "None"
-    )
+    assert [axes.ylabel for axes in figure.axes] == panels
+    points = sum(mark.x.size for axes in figure.axes for mark in axes.marks if isinstance(mark, Series))
     assert points == {2: 16, 20: 80}[per_series]

@@ -28,7 +28,7 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
     """The response with its model, and linearity."""
-    from rigctl.report.figures.frequency_response import figures  # needs matplotlib, which a printed result does not
+    from rigctl.report.figures.frequency_response import figures  # drawing, which a printed result does without
 
     del lines_hz, found
     amounts, fit = analyse(workbench), workbench.fitted()

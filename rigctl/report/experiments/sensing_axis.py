@@ -24,7 +24,7 @@ from rigctl.report.picture import MARKS, Line, Picture
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
 
-if TYPE_CHECKING:  # matplotlib, which a printed result does not need
+if TYPE_CHECKING:  # drawing, which a printed result does without
     from rigctl.report.figures.sensing_axis.null_search import ResponseRow
     from rigctl.report.figures.sensing_axis.plane import PlaneRow
 

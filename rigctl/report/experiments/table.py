@@ -22,7 +22,7 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
     """What each term of the model says beside the readings."""
-    from rigctl.report.figures.table.terms import term_plates  # needs matplotlib, which a printed result does not
+    from rigctl.report.figures.table.terms import term_plates  # drawing, which a printed result does without
 
     del lines_hz, found
     fit = workbench.fitted()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -11,10 +10,9 @@ from html import escape
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from matplotlib.figure import Figure
-
 from rigctl.core.errors import DataError
-from rigctl.report.figures.style import figure_style, save_svg
+from rigctl.report.chart.figure import Figure
+from rigctl.report.figures import from_matplotlib
 
 Row = TypeVar("Row")
 
@@ -23,44 +21,42 @@ CAPTIONS = "figures.md"
 
 @dataclass(frozen=True)
 class Plate(Generic[Row]):
-    """A figure to be written as NAME.svg and NAME.csv: `rows` are dataclasses, `draw` sees nothing else."""
+    """A figure to be written as NAME.svg and NAME.csv: `rows` are dataclasses, `draw` sees nothing else.
+
+    `draw` gives a figure of `rigctl.report.chart`, or one of matplotlib's.
+    """
 
     name: str
     caption: str
     rows: Sequence[Row]
-    draw: Callable[[Sequence[Row]], Figure]
+    draw: Callable[[Sequence[Row]], Any]
 
     def write(self, directory: Path) -> list[Path]:
         """Write both files; returns their paths."""
         # Both from the same rows: what is drawn is what is written.
         svg, table = directory / f"{self.name}.svg", directory / f"{self.name}.csv"
-        svg.write_text(self.svg, encoding="utf-8")
+        svg.write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{self.svg}', encoding="utf-8")
         _write_csv(table, self.rows)
         return [svg, table]
 
     def _repr_html_(self) -> str:
         # In a notebook's own ink on its own paper.
-        svg = svg_element(self).replace("#000000", "currentColor").replace("#ffffff", "none")
+        svg = self.svg.replace("#000000", "currentColor").replace("#ffffff", "none")
         return f"<figure>{svg}<figcaption>{escape(self.caption)}</figcaption></figure>"
 
     @cached_property
     def svg(self) -> str:
-        """The figure as the text of an SVG file, drawn once for a page and for a file."""
-        text = io.StringIO()
-        with figure_style():
-            save_svg(self.draw(self.rows), text, self.name)
-        return text.getvalue()
+        """The figure as one SVG element, drawn once for a page and for a file."""
+        with from_matplotlib.figure_style():
+            figure = self.draw(self.rows)
+            if isinstance(figure, Figure):
+                return figure.svg(self.name, self.caption)
+            return from_matplotlib.svg(figure, self.name)
 
 
 def file_name(text: str) -> str:
     """The name of a covariate or an effect as part of a file's."""
     return "".join(c if c.isalnum() or c in "-_." else "_" for c in text).rstrip("_")
-
-
-def svg_element(plate: Plate[Any]) -> str:
-    """The figure as one SVG element, to stand in a page."""
-    # Without the XML declaration, which cannot stand inside a page.
-    return plate.svg[plate.svg.index("<svg") :]
 
 
 def _write_csv(path: Path, rows: Sequence[object]) -> None:

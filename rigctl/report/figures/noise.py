@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rigctl.analysis.stability.coefficients import FLICKER_FLOOR, Coefficient
 from rigctl.core.arrays import FloatArray
+from rigctl.report.chart.axes import Axes
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate, file_name
-from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
+from rigctl.report.figures.style import INK, SOFT, series_style
 from rigctl.report.quantities import share
 from rigctl.stability import NoiseStudy
 
@@ -90,7 +90,7 @@ def _density_rows(study: NoiseStudy) -> Iterator[DensityRow]:
 
 
 def _draw_deviations(rows: Sequence[DeviationRow], *, unit: str, channel: str) -> Figure:
-    figure = new_figure(3.0)
+    figure = Figure(3.0)
     axes = figure.subplots()
     measured = list(_DRAWN.values())
     for index, kind in enumerate(dict.fromkeys(row.kind for row in rows)):
@@ -104,9 +104,7 @@ def _draw_deviations(rows: Sequence[DeviationRow], *, unit: str, channel: str) -
         if kind in measured:
             low = value - np.array([row.low for row in of_kind], float)
             high = np.array([row.high for row in of_kind], float) - value
-            axes.errorbar(
-                tau, value, [low, high], color=look.color, marker=look.marker, linestyle="", markersize=3, label=kind
-            )
+            axes.errorbar(tau, value, [low, high], fmt=look.marker, color=look.color, markersize=3.0, label=kind)
         else:
             axes.plot(tau, value, color=SOFT, linestyle=look.line, linewidth=0.8, label=kind)
     axes.set_xscale("log")
@@ -114,25 +112,27 @@ def _draw_deviations(rows: Sequence[DeviationRow], *, unit: str, channel: str) -
     _show(axes, np.array([row.deviation for row in rows if row.kind in measured]))
     axes.set_xlabel("averaging time τ / s")
     axes.set_ylabel(f"deviation of {channel} / {unit}")
-    axes.legend(loc="best")
+    axes.legend()
     return figure
 
 
 def _draw_density(rows: Sequence[DensityRow], *, unit: str, channel: str) -> Figure:
-    figure = new_figure(3.0)
+    figure = Figure(3.0)
     axes = figure.subplots()
     for index, kind in enumerate(("density", "fit")):
         of_kind = [row for row in rows if row.kind == kind]
         look = series_style(index)
         values = [row.density_unit_rthz for row in of_kind]
-        axes.loglog([row.frequency_hz for row in of_kind], values, color=look.color, linestyle=look.line, label=kind)
+        axes.plot([row.frequency_hz for row in of_kind], values, color=look.color, linestyle=look.line, label=kind)
     for row in rows:
         if row.kind == "line":
             axes.axvline(row.frequency_hz, color=INK, linewidth=0.6, linestyle=":")
     _show(axes, np.array([row.density_unit_rthz for row in rows if row.kind == "density"], float))
+    axes.set_xscale("log")
+    axes.set_yscale("log")
     axes.set_xlabel("frequency / Hz")
-    axes.set_ylabel(f"{channel} / ({unit} Hz$^{{-1/2}}$)")
-    axes.legend(loc="best")
+    axes.set_ylabel(f"{channel} / ({unit}/√Hz)")
+    axes.legend()
     return figure
 
 

@@ -8,13 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from rigctl.core.units import name_and_unit
+from rigctl.report.chart.axes import Axes
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate, file_name
-from rigctl.report.figures.style import SOFT, new_figure, series_style
+from rigctl.report.figures.style import SOFT, series_style
 from rigctl.workbench.findings import Comparison
 from rigctl.workbench.verdict.covariates import distinct
 
@@ -29,9 +28,6 @@ LINEAR_SIGMA = 3.0
 
 CROWDED, TICKS_APART = 2.2, 3.5
 """Decades on half an axis from which ticks at LINEAR_SIGMA and at 10 touch, and those at every decade."""
-
-LETTERS = 80
-"""Of words below all panels side by side, as many as have room."""
 
 MAX_TICKS = 5
 """Values of a covariate, when there are no more, that have a tick each."""
@@ -109,37 +105,36 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
     rows = _together(rows)
     series = list(dict.fromkeys((row.channel, row.component) for row in rows))[:MAX_SERIES]
     versions = sorted({row.version: row.effects for row in rows}.items())
-    figure = new_figure(0.8 + 1.1 * len(series))
+    figure = Figure(0.8 + 1.1 * len(series))
     panels = figure.subplots(len(series), len(versions), sharex=True, sharey="row", squeeze=False)
     for (channel, component), line in zip(series, panels, strict=True):
         for index, ((version, _), panel) in enumerate(zip(versions, line, strict=True)):
             drawn = [r for r in rows if (r.channel, r.component, r.version) == (channel, component, version)]
             look = series_style(index)
-            panel.axhspan(-LINEAR_SIGMA, LINEAR_SIGMA, color=SOFT, alpha=0.2, linewidth=0.0)
+            panel.axhspan(-LINEAR_SIGMA, LINEAR_SIGMA, color=SOFT, alpha=0.2)
             panel.axhline(0.0, color=SOFT, linewidth=0.6)
             panel.plot(
-                [r.value for r in drawn], [r.residual_sigma for r in drawn], look.marker, color=look.color, ms=2.4
+                [r.value for r in drawn],
+                [r.residual_sigma for r in drawn],
+                look.marker,
+                color=look.color,
+                markersize=2.4,
+                titles=[f"run {r.run_id}" for r in drawn],
             )
         _scale(line[0], [r.residual_sigma for r in rows if (r.channel, r.component) == (channel, component)])
-        line[0].set_ylabel(f"{channel}\n{component}".strip(), fontsize=7)
+        line[0].set_ylabel(f"{channel}\n{component}".strip())
     for (version, effects), panel in zip(versions, panels[0], strict=True):
-        panel.set_title(_heading(version, effects), loc="left")
+        panel.set_title(_heading(version, effects))
     words = {row.value: row.level for row in rows if row.level}
-    # Words that touch are written upright.
-    upright = sum(len(word) + 1 for word in words.values()) * len(versions) > LETTERS
     # Covariates that were set have few values, which a reader looks for by themselves.
     few = _few([row.value for row in rows])
     for panel in panels[-1]:
         if words:
-            panel.set_xticks(list(words), list(words.values()), rotation=90.0 if upright else 0.0)
+            panel.set_xticks(list(words), list(words.values()))
         elif few:
-            panel.xaxis.set_major_locator(FixedLocator(few))
-            panel.xaxis.set_major_formatter(FuncFormatter(_plain))
-        else:
-            panel.xaxis.set_major_locator(MaxNLocator(5))
+            panel.set_xticks(few, [_plain(place) for place in few])
         panel.set_xlabel(axis_label(rows[0].covariate))
-    figure.align_ylabels(panels[:, 0])
-    figure.supylabel("residual / σ", fontsize=8)
+    figure.supylabel("residual / σ")
     return figure
 
 
@@ -167,7 +162,7 @@ def _few(values: Sequence[float]) -> list[float]:
     return [] if close or len(ticks) > MAX_TICKS else ticks
 
 
-def _plain(value: float, _: object) -> str:
+def _plain(value: float) -> str:
     return f"{value:.4g}".replace("-", "−")
 
 
@@ -182,9 +177,8 @@ def _scale(axes: Axes, residuals: Sequence[float]) -> None:
     # So many decades apart that ticks do not touch.
     decades = [10.0**k for k in range(1, int(math.log10(largest)) + 1, math.ceil(half / TICKS_APART))]
     upper = [LINEAR_SIGMA, *decades] if half <= CROWDED else decades
-    axes.yaxis.set_major_locator(FixedLocator([*(-tick for tick in reversed(upper)), 0.0, *upper]))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(_plain))
+    ticks = [*(-tick for tick in reversed(upper)), 0.0, *upper]
+    axes.set_yticks(ticks, [_plain(tick) for tick in ticks])
 
 
 def axis_label(covariate: str) -> str:

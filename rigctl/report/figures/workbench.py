@@ -7,12 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
+from rigctl.report.chart.axes import Axes
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import BLUE, INK, SOFT, VERMILION, new_figure, series_style
+from rigctl.report.figures.style import BLUE, INK, VERMILION, series_style
 from rigctl.report.verdicts import Findings, change_of, named, only_rms, rms_unit
 
 
@@ -56,7 +54,7 @@ def ladder_plate(rungs: Sequence[Mapping[str, Any]]) -> Plate[LadderRow]:
 
 def draw_ladder(rows: Sequence[LadderRow]) -> Figure:
     """A row per version, the first on top; beside it the rms in the readings' unit, where they have one channel."""
-    figure = new_figure(0.75 + 0.28 * len(rows))
+    figure = Figure(0.75 + 0.28 * len(rows))
     beside = any(row.rms is not None for row in rows)
     panels = figure.subplots(1, 2 if beside else 1, sharey=True, squeeze=False)[0]
     _draw_errors(panels[0], rows)
@@ -68,11 +66,11 @@ def draw_ladder(rows: Sequence[LadderRow]) -> Figure:
 def _draw_rms(axes: Axes, rows: Sequence[LadderRow]) -> None:
     look = series_style(2)
     points = [(row.rms, i) for i, row in enumerate(rows) if row.rms is not None]
-    axes.plot(*zip(*points, strict=True), look.marker, color=look.color, linestyle=look.line)
+    values, places = zip(*points, strict=True)
+    axes.plot(values, places, look.marker, color=look.color, linestyle=look.line)
     axes.set_xlim(left=0.0)
     axes.set_xlabel(f"rms of the residuals{f' / ({rows[0].unit})' if rows[0].unit else ''}")
-    axes.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
-    axes.tick_params(axis="y", length=0.0)
+    axes.grid("x")
 
 
 def _draw_errors(axes: Axes, rows: Sequence[LadderRow]) -> None:
@@ -82,7 +80,8 @@ def _draw_errors(axes: Axes, rows: Sequence[LadderRow]) -> None:
         look = series_style(index)
         points = [(value, i) for i, row in enumerate(rows) if (value := getattr(row, name)) is not None]
         if points:
-            axes.plot(*zip(*points, strict=True), look.marker, color=look.color, linestyle=look.line, label=label)
+            values, places = zip(*points, strict=True)
+            axes.plot(values, places, look.marker, color=look.color, linestyle=look.line, label=label)
     axes.axvline(1.0, color=INK, linewidth=0.6)
     axes.set_yticks(range(len(rows)), [f"{row.version}  {row.change}" for row in rows])
     # The first on top.
@@ -91,13 +90,9 @@ def _draw_errors(axes: Axes, rows: Sequence[LadderRow]) -> None:
     errors = [e for row in rows for e in (row.error_fit, row.error_held_out) if e]
     # On a linear axis a baseline that is far off would press all later versions together.
     if errors and max(errors) > 5.0 * min(errors):
-        axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_locator(NullLocator())
-    axes.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
-    axes.tick_params(axis="y", length=0.0)
-    axes.legend(loc="best")
+        axes.set_xscale("log", plain=True)
+    axes.grid("x")
+    axes.legend()
 
 
 MAX_ROWS = 16
@@ -137,7 +132,7 @@ def ranking_plate(diagnosis: Findings) -> Plate[RankRow]:
 def draw_ranking(rows: Sequence[RankRow]) -> Figure:
     """Horizontal bars, the first of the ranking on top."""
     shown = rows[:MAX_ROWS]
-    figure = new_figure(0.7 + 0.2 * len(shown))
+    figure = Figure(0.7 + 0.2 * len(shown))
     axes = figure.subplots()
     colours = [VERMILION if row.suggested else BLUE for row in shown]
     faces = [VERMILION if row.suggested else "none" for row in shown]
@@ -145,9 +140,8 @@ def draw_ranking(rows: Sequence[RankRow]) -> Figure:
         range(len(shown)),
         [row.significance_sigma for row in shown],
         height=0.6,
-        color=faces,
+        facecolor=faces,
         edgecolor=colours,
-        linewidth=0.8,
     )
     axes.set_yticks(range(len(shown)), [row.effect for row in shown])
     axes.set_ylim(len(shown) - 0.4, -0.6)
@@ -155,10 +149,8 @@ def draw_ranking(rows: Sequence[RankRow]) -> Figure:
     # Bars begin at zero, which a logarithm does not have; one large bar would hide the others.
     if largest > 30.0:
         axes.set_xscale("symlog", linthresh=10.0)
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.set_xlim(0.0, 1.3 * max(largest, 5.0))
     axes.set_xlabel("significance, root of the fall of χ²")
-    axes.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
+    axes.grid("x")
     axes.axvline(0.0, color=INK, linewidth=0.6)
-    axes.tick_params(axis="y", length=0.0)
     return figure

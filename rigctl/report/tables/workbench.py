@@ -104,6 +104,21 @@ def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTa
     return ResultTable("Error ladder", columns, rows, notes=notes)
 
 
+MOST_IN_LADDER = 8
+"""Results of a version that stand below it; more have a table of their own."""
+
+
+def ladder_tables(rungs: Sequence[Findings]) -> list[ResultTable]:
+    """The ladder for a page; where versions have many results, these beside it, a column for each version."""
+    results = {rung["version"]: rung.get("result") or {} for rung in rungs}
+    if max(map(len, results.values()), default=0) <= MOST_IN_LADDER:
+        return [ladder_table(rungs)]
+    names = list(dict.fromkeys(name for each in results.values() for name in each))
+    rows = [[name, *(_short(each[name]) if name in each else "" for each in results.values())] for name in names]
+    columns = ["result", *(f"#version {version}" for version in results)]
+    return [ladder_table(rungs, results=False), ResultTable("Results by version", columns, rows)]
+
+
 def rms_tables(rungs: Sequence[Findings]) -> list[ResultTable]:
     """What each version leaves of each channel, where the ladder itself has no room for it."""
     channels = {channel: each["unit"] for rung in rungs for channel, each in (rung.get("rms") or {}).items()}

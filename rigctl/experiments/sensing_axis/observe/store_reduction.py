@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.analysis.clock_fit import ClockFit
 from rigctl.analysis.kept import Kept, LeftOut, Packed, Progress, Recipe, Reduction, each_reduced
 from rigctl.analysis.line_scan import LineScan, ScannedRun, scanned
-from rigctl.analysis.noise import Spectrum
+from rigctl.analysis.noise import NoisePool, Spectrum
 from rigctl.campaign.recording import Header, RunRecord, RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
@@ -44,6 +44,32 @@ def reduction(
 
     What a store keeps of earlier calls is used, what is new is kept, unless it is open for reading only.
     """
+    noise = PooledNoise()
+    runs: list[ReducedRun | LeftOut] = []
+    for run in _each_run(source, lines_hz, progress):
+        if isinstance(run, ReducedRun):
+            noise.add(run)
+            # Spectra of thousands of runs do not fit into memory; the pool has taken what it needs of them.
+            runs.append(run.without_spectra())
+        else:
+            runs.append(run)
+    return Reduction.of(_observed(noise, run) for run in runs)
+
+
+def spectra_left(source: RunSource, lines_hz: Sequence[float] = ()) -> dict[str, Spectrum]:
+    """What is left in the samples of all valid runs beside the harmonics and these lines, pooled, by channel."""
+    pools: dict[str, NoisePool] = {}
+    for run in _each_run(source, lines_hz, None):
+        if isinstance(run, ReducedRun):
+            for name, channel in run.channels.items():
+                pools.setdefault(name, NoisePool()).add(channel.noise)
+    return {name: pool.spectrum for name, pool in pools.items()}
+
+
+def _each_run(
+    source: RunSource, lines_hz: Sequence[float], progress: Progress | None
+) -> Iterator[ReducedRun | LeftOut]:
+    """Every valid run with its spectra, reduced now or before, in the order in which they were measured."""
     faces = {face_column(head): face for head, face in recorded_faces(source.header).items()}
     # What a run says of its faces goes before what the header says of all.
     records = [replace(r, conditions={**faces, **r.conditions}) for r in source.runs(valid_only=True)]
@@ -64,17 +90,8 @@ def reduction(
         scan.add(record, samples, lambda: scanned(residuals.basis, residuals.values, run.channels[ACCEL].noise))
         return packed(run)
 
-    noise = PooledNoise()
-    runs: list[ReducedRun | LeftOut] = []
-    for run in each_reduced(Kept(source, recipe(lines_hz)), records, make, unpacked, progress):
-        if isinstance(run, ReducedRun):
-            noise.add(run)
-            # Spectra of thousands of runs do not fit into memory; the pool has taken what it needs of them.
-            runs.append(run.without_spectra())
-        else:
-            runs.append(run)
+    yield from each_reduced(Kept(source, recipe(lines_hz)), records, make, unpacked, progress)
     scan.keep()
-    return Reduction.of(_observed(noise, run) for run in runs)
 
 
 def line_scan(source: RunSource, lines_hz: Sequence[float] = ()) -> LineScan:

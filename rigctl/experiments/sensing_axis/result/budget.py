@@ -7,7 +7,7 @@ noise, laser noise and the stage's resolution are listed, not added again. What 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.budget import Budget, Comparison, Contribution, budget, compare, monte_carlo
-from rigctl.analysis.plane import ARCSEC, fit_plane
+from rigctl.analysis.plane import ARCSEC, plane_normals
 from rigctl.analysis.rotation import FrameRotation
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.model.fit import RecordingFit, residuals_of
@@ -97,34 +97,73 @@ class _Input:
 
 def axis_budgets(result: SensingAxisResult, uncertainties: Uncertainties) -> dict[str, AxisBudget]:
     """The budgets of all axes of a result in the host's frame, each checked by Monte Carlo."""
-    return {name: _axis_budget(axis, result.fit, uncertainties) for name, axis in result.axes.items()}
+    if not result.axes:
+        return {}
+    refitted = _Refitted.of(result.fit, uncertainties)
+    return {name: _axis_budget(axis, result.fit, uncertainties, refitted) for name, axis in result.axes.items()}
 
 
-def _axis_budget(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> AxisBudget:
+@dataclass(frozen=True)
+class _Change:
+    """A quantity and what one unit of it does to the parameters of the fit, shape (parameters,)."""
+
+    contribution: Contribution
+    moved: FloatArray
+
+
+@dataclass(frozen=True)
+class _Refitted:
+    """Changes of the model that the fit follows: the same for all axes."""
+
+    heads: Sequence[_Change]
+    timing: Sequence[_Change]
+    gravity: Sequence[_Change]
+
+    @classmethod
+    def of(cls, fit: RecordingFit, uncertainties: Uncertainties) -> _Refitted:
+        return cls(_heads(fit, uncertainties), _timing(fit, uncertainties), _gravity(fit, uncertainties))
+
+
+def _axis_budget(
+    axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties, refitted: _Refitted
+) -> AxisBudget:
     basis = _basis(axis)
+    slopes = [fit.vector_slopes(null) for null in axis.nulls]
+
+    def followed(changes: Sequence[_Change]) -> Iterator[_Input]:
+        for each in changes:
+            effect = np.array([of_null @ each.moved for of_null in slopes])
+            yield _Input(each.contribution, effect, own=each.contribution.type == "A")
+
     inputs = [
         *_scatter(axis),
-        *_heads(axis, fit, uncertainties),
-        *_timing(axis, fit, uncertainties),
+        *followed(refitted.heads),
+        *followed(refitted.timing),
         *_cube(axis, uncertainties),
         *_corrections(axis, fit),
         *_guide(axis, fit, uncertainties),
-        *_gravity(axis, fit, uncertainties),
+        *followed(refitted.gravity),
     ]
     turns = host_turns(axis.host)
     of_turn = {each.name: basis @ np.cross(axis.host.matrix.T @ about, axis.plane.normal) for each, about in turns}
 
-    def measurement(values: Mapping[str, float]) -> FloatArray:
-        moved = axis.vectors + sum(values[each.contribution.name] * each.effect for each in inputs)
-        turned = sum((values[name] * effect for name, effect in of_turn.items()), np.zeros(2))
-        return basis @ fit_plane(moved, axis.plane.normal).normal + turned
+    def measurement(values: Mapping[str, Any]) -> FloatArray:
+        """Both components, (2,); of values that are arrays (draws,) those of every draw, (draws, 2)."""
+        moved = axis.vectors + sum(_times(values[each.contribution.name], each.effect) for each in inputs)
+        turned = sum((_times(values[name], effect) for name, effect in of_turn.items()), np.zeros(2))
+        return np.asarray(plane_normals(moved, axis.plane.normal) @ basis.T + turned)
 
     contributions = [*(each.contribution for each in inputs), *(each for each, _ in turns)]
     first = budget(measurement, contributions, OUTPUTS)
-    drawn = monte_carlo(measurement, contributions, OUTPUTS, draws=MONTE_CARLO_DRAWS, seed=1)
+    drawn = monte_carlo(measurement, contributions, OUTPUTS, draws=MONTE_CARLO_DRAWS, seed=1, together=True)
     included = included_of(axis, uncertainties)
     common = frozenset([*(each.contribution.name for each in inputs if not each.own), *of_turn])
     return AxisBudget(axis.name, axis.host, basis, first, included, compare(first, drawn), common)
+
+
+def _times(values: Any, effect: FloatArray) -> FloatArray:
+    """An effect as often as there are values."""
+    return np.asarray(np.multiply.outer(np.asarray(values), effect))
 
 
 def _basis(axis: AxisResult) -> FloatArray:
@@ -163,9 +202,9 @@ def _scatter(axis: AxisResult) -> list[_Input]:
     return inputs
 
 
-def _heads(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> list[_Input]:
+def _heads(fit: RecordingFit, uncertainties: Uncertainties) -> list[_Change]:
     """Beam tilt and scale of each head, the same in all mountings; the mounting rotations follow them."""
-    inputs = []
+    changes = []
     for name in fit.model.heads:
         certified = uncertainties.get(name, {})
         for quantity, wording, unit, changed in (
@@ -174,21 +213,18 @@ def _heads(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) ->
         ):
             if quantity in certified:
                 u = math.radians(certified[quantity]) if unit == "rad" else certified[quantity]
-                effect = _response(axis, fit, partial(changed, fit.model, name))
+                moved = _response(fit, partial(changed, fit.model, name))
                 source = f"certificate of {name}"
-                inputs.append(_Input(Contribution(f"{wording} of {name}", 0.0, u, unit, source=source), effect))
-    return inputs
+                changes.append(_Change(Contribution(f"{wording} of {name}", 0.0, u, unit, source=source), moved))
+    return changes
 
 
-def _response(
-    axis: AxisResult, fit: RecordingFit, changed: Callable[[float], RecordingModel], step: float = 1e-5
-) -> FloatArray:
-    """What one unit of a change of the model does to the vectors, refitted to first order."""
+def _response(fit: RecordingFit, changed: Callable[[float], RecordingModel], step: float = 1e-5) -> FloatArray:
+    """What one unit of a change of the model does to the parameters, refitted to first order."""
     values = fit.result.values
     slope = (residuals_of(changed(step), values) - residuals_of(changed(-step), values)) / (2.0 * step)
     # The fit follows the change: mounting rotations absorb a part of it.
-    moved = -fit.result.covariance @ fit.result.jacobian[: len(slope)].T @ slope
-    return np.array([fit.vector_slopes(null) @ moved for null in axis.nulls])
+    return np.asarray(-fit.result.covariance @ fit.result.jacobian[: len(slope)].T @ slope)
 
 
 def _tilted(model: RecordingModel, head: str, by_rad: float) -> RecordingModel:
@@ -210,15 +246,14 @@ def _scaled(model: RecordingModel, head: str, by: float) -> RecordingModel:
     return model.with_runs([replace(run, lasers_m=scaled(run.lasers_m)) for run in model.runs])
 
 
-def _timing(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> list[_Input]:
+def _timing(fit: RecordingFit, uncertainties: Uncertainties) -> list[_Change]:
     """Samples taken at another time than the encoder's: how well a latency is known, or the offset of a clock."""
-    inputs = []
+    changes = []
     for name in (ACCEL, *fit.model.heads):
         contribution = _clock_of(name, fit.model) or _latency_of(name, uncertainties)
         if contribution is not None:
-            effect = _response(axis, fit, partial(_delayed, fit.model, name))
-            inputs.append(_Input(contribution, effect, own=contribution.type == "A"))
-    return inputs
+            changes.append(_Change(contribution, _response(fit, partial(_delayed, fit.model, name))))
+    return changes
 
 
 def _clock_of(head: str, model: RecordingModel) -> Contribution | None:
@@ -316,7 +351,7 @@ def _guide(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) ->
     ]
 
 
-def _gravity(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> list[_Input]:
+def _gravity(fit: RecordingFit, uncertainties: Uncertainties) -> list[_Change]:
     """Local gravity, which the corrections for what tilts the sensor are taken with."""
     u_m_s2 = uncertainties.get(CONSTANTS, {}).get("g_m_s2", 0.0)
     if not u_m_s2:
@@ -327,4 +362,4 @@ def _gravity(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) 
         return fit.model.with_gravity(fit.model.g_m_s2 + by_m_s2)
 
     # Exactly linear: the step may be large beside rounding.
-    return [_Input(contribution, _response(axis, fit, changed, step=1e-2))]
+    return [_Change(contribution, _response(fit, changed, step=1e-2))]

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.frequency_response.model import ResponseModel
 from rigctl.experiments.frequency_response.result import AtFrequency, Deviation, ResponseResult
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
+from rigctl.report.figures.style import BLUE, INK, PAPER, SERIES, VERMILION, series_style
 
 CURVE_POINTS = 100
 
@@ -46,18 +46,21 @@ def _measured(each: AtFrequency) -> Response:
 
 
 def _drawn_response(rows: Sequence[Response]) -> Figure:
-    figure = Figure(figsize=(6.0, 5.0), layout="constrained")
+    figure = Figure(4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     points = [row for row in rows if row.magnitude_expanded is not None]
     line = [row for row in rows if row.magnitude_expanded is None]
     names = ("magnitude_v_s2_m", "magnitude_expanded"), ("phase_deg", "phase_expanded_deg")
     for axes, (value, expanded) in zip((upper, lower), names, strict=True):
         x, y, bar = ([getattr(row, name) for row in points] for name in ("frequency_hz", value, expanded))
-        axes.errorbar(x, y, bar, fmt="o", markersize=3, capsize=2, label="measured")
-        axes.plot([row.frequency_hz for row in line], [getattr(row, value) for row in line], label="model")
-    upper.set(ylabel="|S| [V/(m/s²)]", xscale="log")
-    lower.set(ylabel="phase [deg]", xlabel="frequency [Hz]")
-    lower.xaxis.set_major_formatter("{x:g}")
+        axes.errorbar(x, y, bar, fmt="o", color=BLUE, markersize=3.0, capsize=2.0, label="measured")
+        axes.plot(
+            [row.frequency_hz for row in line], [getattr(row, value) for row in line], color=VERMILION, label="model"
+        )
+        axes.set_xscale("log", plain=True)
+    upper.set_ylabel("|S| / (V/(m/s²))")
+    lower.set_ylabel("phase / deg")
+    lower.set_xlabel("frequency / Hz")
     upper.legend()
     return figure
 
@@ -72,25 +75,29 @@ def linearity_plate(deviations: Sequence[Deviation]) -> Plate[Deviation]:
 
 
 def _drawn_linearity(rows: Sequence[Deviation]) -> Figure:
-    figure = Figure(figsize=(6.0, 3.5), layout="constrained")
+    figure = Figure(3.2)
     axes = figure.subplots()
     frequencies = list(dict.fromkeys(row.frequency_hz for row in rows))
     for place, frequency_hz in enumerate(frequencies):
         # Side by side: frequencies have amplitudes in common.
+        look = series_style(place)
         aside = 1.03 ** (place - 0.5 * (len(frequencies) - 1))
         own = sorted((r for r in rows if r.frequency_hz == frequency_hz), key=lambda r: r.acceleration_m_s2)
         axes.errorbar(
             [aside * r.acceleration_m_s2 for r in own],
             [1e6 * r.deviation for r in own],
             [1e6 * r.sigma for r in own],
-            fmt="o",
-            markersize=3,
-            capsize=2,
+            fmt=look.marker,
+            color=look.color,
+            # Beyond the palette's end its colours come again, open.
+            markerfacecolor=PAPER if place >= SERIES else "",
+            markersize=3.0,
+            capsize=2.0,
             label=f"{frequency_hz:g} Hz",
         )
-    axes.axhline(0.0, color="black", linewidth=0.5)
-    axes.set(xlabel="amplitude of the acceleration [m/s²]", ylabel="deviation [1e-6]", xscale="log")
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.legend(fontsize="x-small", ncols=3)
+    axes.axhline(0.0, color=INK, linewidth=0.5)
+    axes.set_xscale("log", plain=True)
+    axes.set_xlabel("amplitude of the acceleration / (m/s²)")
+    axes.set_ylabel("deviation / 1e-6")
+    axes.legend()
     return figure

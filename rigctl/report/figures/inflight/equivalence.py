@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from matplotlib.figure import Figure
-
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
+from rigctl.report.figures.style import INK, series_style
 
 _SESSIONS = {"ep_inertial": "inertial", "ep_spin": "turning"}
 _SCALE = 1e15
@@ -53,7 +52,7 @@ _MEAN_AMPLITUDE = 1.2533
 
 def draw_spectrum(rows: Sequence[SpectrumRow]) -> Figure:
     """Both on logarithmic amplitudes."""
-    figure = new_figure(2.4)
+    figure = Figure(2.4)
     panel = figure.subplots()
     f_mhz = [1e3 * row.frequency_hz for row in rows]
     for series, name in enumerate(("before", "after")):
@@ -66,9 +65,8 @@ def draw_spectrum(rows: Sequence[SpectrumRow]) -> Figure:
     panel.set_yscale("log")
     panel.set_xlabel("frequency / mHz")
     panel.set_ylabel("amplitude / (m/s²)")
-    panel.grid(color=SOFT, alpha=0.4, linewidth=0.4)
-    handles, labels = panel.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    panel.grid()
+    figure.legend(panel.labelled())
     return figure
 
 
@@ -106,7 +104,7 @@ def _delta_plate(sessions: Mapping[str, Mapping[str, Any]], combined: Mapping[st
 
 def draw_delta(rows: Sequence[DeltaRow]) -> Figure:
     """A row per session, the first on top."""
-    figure = new_figure(0.9 + 0.3 * len(rows))
+    figure = Figure(0.9 + 0.3 * len(rows))
     panel = figure.subplots()
     for series, name in enumerate(("before", "after")):
         look = series_style(series)
@@ -126,7 +124,6 @@ def draw_delta(rows: Sequence[DeltaRow]) -> Figure:
     # The first on top, with room for the markers on either side of it.
     panel.set_ylim(len(rows) - 0.5, -0.5)
     panel.set_xlabel("δ / 1e-15")
-    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
-    handles, labels = panel.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    panel.grid("x")
+    figure.legend(panel.labelled())
     return figure

@@ -7,38 +7,38 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.inflight.equivalence import equivalence_plates
-from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
+from rigctl.report.figures.style import INK, series_style
 from rigctl.report.quantities import number
 
 SYMBOLS = {
-    "ac11_dx_m": r"$a_{c11}\,\Delta_x$",
-    "ac11_dy_m": r"$a_{c11}\,\Delta_y$",
-    "ac11_dz_m": r"$a_{c11}\,\Delta_z$",
-    "ac12_rad": r"$a_{c12}$",
-    "ac13_rad": r"$a_{c13}$",
-    "ad11": r"$a'_{d11}$",
-    "ad12_rad": r"$a_{d12}$",
-    "ad13_rad": r"$a_{d13}$",
-    "k2d_s2_m": r"$K_{2d}/K_{1c}^2$",
-    "k2c_s2_m": r"$K_{2c}/K_{1c}^2$",
+    "ac11_dx_m": "ac11 Δx",
+    "ac11_dy_m": "ac11 Δy",
+    "ac11_dz_m": "ac11 Δz",
+    "ac12_rad": "ac12",
+    "ac13_rad": "ac13",
+    "ad11": "a′_d11",
+    "ad12_rad": "ad12",
+    "ad13_rad": "ad13",
+    "k2d_s2_m": "K2d/K1c²",
+    "k2c_s2_m": "K2c/K1c²",
 }
 """The parameters as the paper writes them."""
 
 TERMS = {
-    "ac11_dx_m": r"$a_{c11} T_{xx} \Delta_x$",
-    "ac11_dy_m": r"$a_{c11} T_{xy} \Delta_y$",
-    "ac11_dz_m": r"$a_{c11} T_{xz} \Delta_z$",
-    "ac12_rad": r"$a_{c12} T_{yy} \Delta_y$",
-    "ac13_rad": r"$a_{c13} T_{zz} \Delta_z$",
-    "ad11": r"$2 a_{d11} \Gamma_{res,x}$",
-    "ad12_rad": r"$2 a_{d12} \Gamma_{res,y}$",
-    "ad13_rad": r"$2 a_{d13} \Gamma_{res,z}$",
-    "k2d_s2_m": r"$2 K_{2d} (\Gamma_{app,dx}^2 + \Gamma_{res,x}^2)$",
-    "k2c_s2_m": r"$4 K_{2c} \Gamma_{app,dx} \Gamma_{res,x}$",
+    "ac11_dx_m": "ac11 Txx Δx",
+    "ac11_dy_m": "ac11 Txy Δy",
+    "ac11_dz_m": "ac11 Txz Δz",
+    "ac12_rad": "ac12 Tyy Δy",
+    "ac13_rad": "ac13 Tzz Δz",
+    "ad11": "2 ad11 Γres,x",
+    "ad12_rad": "2 ad12 Γres,y",
+    "ad13_rad": "2 ad13 Γres,z",
+    "k2d_s2_m": "2 K2d (Γapp,dx² + Γres,x²)",
+    "k2c_s2_m": "4 K2c Γapp,dx Γres,x",
     "total": "total",
 }
 """What each of them leaves in the test (tables 1 and 3)."""
@@ -90,7 +90,7 @@ def estimates_plate(result: Mapping[str, Any]) -> Plate[EstimateRow]:
 
 def draw_estimates(rows: Sequence[EstimateRow]) -> Figure:
     """A row per parameter."""
-    figure = new_figure(0.8 + 0.24 * len(rows))
+    figure = Figure(0.8 + 0.24 * len(rows))
     panel = figure.subplots()
     places = np.arange(len(rows))
     joint, paper = series_style(0), series_style(1)
@@ -165,7 +165,7 @@ def errors_plate(result: Mapping[str, Any]) -> Plate[ErrorRow]:
 
 def draw_errors(rows: Sequence[ErrorRow]) -> Figure:
     """Three lines per parameter, on a logarithmic axis."""
-    figure = new_figure(0.9 + 0.3 * len(rows))
+    figure = Figure(0.9 + 0.3 * len(rows))
     panel = figure.subplots()
     for series, name in enumerate(("printed", "published", "joint")):
         look = series_style(series)
@@ -211,7 +211,7 @@ def contributions_plate(result: Mapping[str, Any]) -> Plate[ContributionRow]:
 
 def draw_contributions(rows: Sequence[ContributionRow]) -> Figure:
     """Markers on a logarithmic axis, the total last."""
-    figure = new_figure(0.8 + 0.24 * len(rows))
+    figure = Figure(0.8 + 0.24 * len(rows))
     panel = figure.subplots()
     for series, name in enumerate(("before", "worst", "mean")):
         look = series_style(series)
@@ -234,7 +234,6 @@ def _labelled(figure: Figure, names: Sequence[str], x_label: str) -> Figure:
     # Places count from the bottom, tables from the top.
     panel.invert_yaxis()
     panel.set_xlabel(x_label)
-    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
-    handles, labels = panel.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    panel.grid("x")
+    figure.legend(panel.labelled())
     return figure

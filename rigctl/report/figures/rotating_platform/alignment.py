@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.result import published
 from rigctl.experiments.rotating_platform.result.bench_runs import Scan
 from rigctl.experiments.rotating_platform.result.result import PlatformResult
 from rigctl.experiments.rotating_platform.result.run_result import RunResult
+from rigctl.report.chart.axes import Axes
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, SOFT, new_figure, panel_letter, series_style
+from rigctl.report.figures.style import INK, SOFT, series_style
 from rigctl.report.quantities import number, quantity
 
 CURVE_STEP_DEG = 5.0
@@ -121,14 +121,14 @@ def _axes_beside_printed(scans: Sequence[Scan]) -> str:
 
 def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     """Two panels: the scan, the tilt regression less the printed line, or the fitted one where none is printed."""
-    figure = new_figure(2.6)
+    figure = Figure(2.6)
     scan, tilt = figure.subplots(1, 2)
     for run_id in dict.fromkeys(row.run_id for row in rows if row.kind == "scan"):
         _draw_scan(scan, [row for row in rows if row.run_id == run_id])
-    if scan.lines:
-        _legend_once(scan)
+    if scan.marks:
+        scan.legend()
     else:
-        scan.text(0.5, 0.5, "no scan in this recording", ha="center", transform=scan.transAxes, color=SOFT)
+        scan.text(0.5, 0.5, "no scan in this recording", share_x=True, share_y=True, anchor="middle", color=SOFT)
     scan.set_xlabel("platform angle θ / deg")
     scan.set_ylabel("reading / m/s²")
     points = [r for r in rows if r.kind == "tilt"]
@@ -150,13 +150,11 @@ def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
         tilt.axhline(0.0, color=INK, linestyle="--", linewidth=0.7, label="printed")
     tilt.set_xlabel("commanded tilt / m/s²")
     tilt.set_ylabel(f"acceleration less {'printed' if printed else 'fit'} / m/s²")
-    tilt.legend(loc="best")
+    tilt.legend()
     for panel, letter in ((scan, "a"), (tilt, "b")):
-        panel.ticklabel_format(axis="y", scilimits=(-3, 4))
-        panel_letter(panel, letter)
+        panel.letter = letter
     # A turn has quarters; a tilt is small in every unit that is not.
     scan.set_xticks(range(0, 361, 90))
-    tilt.ticklabel_format(axis="x", scilimits=(-2, 4))
     return figure
 
 
@@ -177,10 +175,3 @@ def _draw_scan(panel: Axes, rows: Sequence[AlignmentRow]) -> None:
         printed = np.array([row.printed_m_s2 for row in curve], dtype=np.float64)
         if np.isfinite(printed).any():
             panel.plot(angles_deg, printed, color=INK, linestyle="--", linewidth=0.7, label="printed")
-
-
-def _legend_once(panel: Axes) -> None:
-    """Each label once, however many scans and channels share it; above what is drawn."""
-    handles, labels = panel.get_legend_handles_labels()
-    first = dict(zip(reversed(labels), reversed(handles), strict=True))
-    panel.legend(first.values(), first.keys(), loc="center")

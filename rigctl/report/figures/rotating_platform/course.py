@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rigctl.experiments.rotating_platform.model.response import expected_sine
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 from rigctl.experiments.rotating_platform.result import published
 from rigctl.experiments.rotating_platform.result.result import PlatformResult
 from rigctl.experiments.rotating_platform.result.run_result import RunResult
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, new_figure, panel_letter, series_style
+from rigctl.report.figures.style import INK, series_style
 from rigctl.report.quantities import number
 
 _KNOWN = {"accel_m_s2": "known_m_s2", "accel_slope_m_s3": "known_slope_m_s3"}
@@ -100,7 +100,7 @@ def course_plate(
 
 def draw_course(rows: Sequence[CourseRow]) -> Figure:
     """Four panels over time, a series per run."""
-    figure = new_figure(4.4)
+    figure = Figure(4.4)
     panels = figure.subplots(2, 2, sharex=True).ravel()
     names = ("accel_m_s2", "bias_m_s2", "accel_slope_m_s3", "bias_slope_m_s3")
     labels = ("acceleration / m/s²", "bias / m/s²", "slope of the acceleration / m/s³", "slope of the bias / m/s³")
@@ -121,15 +121,12 @@ def draw_course(rows: Sequence[CourseRow]) -> Figure:
                 expected, words = [r.expected_bias_m_s2 for r in periods], None if index else "expected (eq. 16)"
                 panel.plot(times, expected, ":", color=INK, linewidth=1.2, zorder=3, label=words)
         panel.set_ylabel(label)
-        panel_letter(panel, letter)
-        panel.ticklabel_format(axis="y", scilimits=(-3, 4))
+        panel.letter = letter
     for panel in panels[2:]:
         panel.set_xlabel("time / min")
     # Outside, as courses fill their panels; what is expected of a bias has a line where there is a sine.
-    of_bias = zip(*panels[1].get_legend_handles_labels(), strict=True)
-    told = [*zip(*panels[0].get_legend_handles_labels(), strict=True)]
-    told += [(handle, text) for handle, text in of_bias if text.startswith("expected")]
-    figure.legend(*zip(*told, strict=True), loc="outside lower center", ncols=len(told))
+    of_bias = [(text, mark) for text, mark in panels[1].labelled() if text.startswith("expected")]
+    figure.legend([*panels[0].labelled(), *of_bias])
     return figure
 
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, named_pattern
@@ -19,8 +17,10 @@ from rigctl.experiments.rotating_platform.result.chain_noise import NoiseRecord
 from rigctl.experiments.rotating_platform.result.precision import HOUR_S, continuous_precision, simplified_precision
 from rigctl.experiments.rotating_platform.result.result import PlatformResult
 from rigctl.experiments.rotating_platform.result.run_result import RunResult
+from rigctl.report.chart.axes import Axes
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, SOFT, SeriesStyle, new_figure, series_style
+from rigctl.report.figures.style import INK, SOFT, SeriesStyle, series_style
 
 _CURVE_S = np.geomspace(45.0, 3600.0, 100)
 _PERIOD = "modulation_period_s"
@@ -101,7 +101,7 @@ def _draw_curve(axes: Axes, rows: Sequence[PrecisionRow], name: str, *style: str
 
 def draw_precision(rows: Sequence[PrecisionRow]) -> Figure:
     """Curves of theory, points of runs."""
-    figure = new_figure(3.0)
+    figure = Figure(3.0)
     axes = figure.subplots()
     patterns = [name for name in ROTATIONS if any(r.pattern == name for r in rows)]
     for index, pattern in enumerate(patterns):
@@ -118,7 +118,7 @@ def draw_precision(rows: Sequence[PrecisionRow]) -> Figure:
     axes.set_yscale("log")
     axes.set_xlabel("modulation period τ / s")
     axes.set_ylabel("σ in 1 h / m/s²")
-    axes.legend(loc="best")
+    axes.legend()
     return figure
 
 
@@ -146,7 +146,7 @@ def table_plate(result: PlatformResult, *, printed: bool) -> Plate[PrecisionRow]
 
 def draw_table(rows: Sequence[PrecisionRow]) -> Figure:
     """Sigma against the sampling rate."""
-    figure = new_figure(2.6)
+    figure = Figure(2.6)
     axes = figure.subplots()
     for index, channel in enumerate(CHANNELS):
         # Side by side, or the channels' intervals would cover each other.
@@ -168,7 +168,7 @@ def draw_table(rows: Sequence[PrecisionRow]) -> Figure:
     axes.set_xscale("log")
     axes.set_xlabel("sampling rate / Hz")
     axes.set_ylabel("σ in 1 h / m/s²")
-    axes.legend(loc="best", ncols=2)
+    axes.legend(ncols=2)
     return figure
 
 
@@ -200,7 +200,7 @@ def noise_plate(noises: Sequence[NoiseRecord], *, printed: bool) -> Plate[NoiseR
 
 def draw_noise(rows: Sequence[NoiseRow]) -> Figure:
     """Density over frequency, both logarithmic."""
-    figure = new_figure(2.8)
+    figure = Figure(2.8)
     axes = figure.subplots()
     for index, key in enumerate(dict.fromkeys((row.run_id, row.channel) for row in rows)):
         bands = [row for row in rows if (row.run_id, row.channel) == key]
@@ -215,5 +215,5 @@ def draw_noise(rows: Sequence[NoiseRow]) -> Figure:
     axes.set_yscale("log")
     axes.set_xlabel("frequency / Hz")
     axes.set_ylabel("density / V²/Hz")
-    axes.legend(loc="best")
+    axes.legend()
     return figure

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
@@ -21,8 +20,9 @@ from rigctl.experiments.rotating_platform.observe.run_noise import EXPONENTS, Ru
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
 from rigctl.experiments.rotating_platform.result.published import ACCEL_Y_M_S2, BIAS_M_S2, INTERCEPT_M_S2
 from rigctl.experiments.rotating_platform.study_data import imagined_cells
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import SOFT, new_figure, panel_letter, series_style
+from rigctl.report.figures.style import SOFT, series_style
 from rigctl.report.quantities import typically
 from rigctl.workbench.placed import placed
 from rigctl.workbench.study import Term
@@ -104,7 +104,7 @@ def _recorded(pattern: str, period_s: float, mask_short_s: float) -> Recorded:
 
 def draw_signature(rows: Sequence[PlatformSignatureRow]) -> Figure:
     """Means over the modulation frequency, a line per pattern, and the profile around a turn."""
-    figure = new_figure(2.4)
+    figure = Figure(2.4)
     panels = figure.subplots(1, 3)
     for panel, letter, output in zip(panels, "abc", ("accel mean", "bias mean", "around a turn"), strict=True):
         here = [row for row in rows if row.output == output]
@@ -126,8 +126,7 @@ def draw_signature(rows: Sequence[PlatformSignatureRow]) -> Figure:
                 linestyle=look.line,
                 label=label,
             )
-        panel.legend(loc="best")
+        panel.legend()
         panel.axhline(0.0, color=SOFT, linewidth=0.5, zorder=0)
-        panel.ticklabel_format(axis="y", scilimits=(-3, 4))
-        panel_letter(panel, letter)
+        panel.letter = letter
     return figure

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rigctl.analysis.plane import ARCSEC
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
+from rigctl.report.chart.axes import Axes
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, SOFT, new_figure, panel_letter, series_style
+from rigctl.report.figures.style import INK, PAPER, SOFT, series_style
 
 UM_PER_M, MM_PER_M = 1e6, 1e3
 SAME_FREQUENCY = 0.01
@@ -163,7 +163,7 @@ def _zeros(theta: FloatArray, line: FloatArray) -> list[float]:
 
 def draw_response(rows: Sequence[ResponseRow]) -> Figure:
     """Two panels: all runs over the stage's angle, and the neighbourhood of the null."""
-    figure = new_figure(3.0)
+    figure = Figure(3.0)
     overview, close = figure.subplots(1, 2)
     frequencies = list(dict.fromkeys(row.frequency_hz for row in rows if row.frequency_hz is not None))
     for index, frequency in enumerate(frequencies):
@@ -175,19 +175,19 @@ def draw_response(rows: Sequence[ResponseRow]) -> Figure:
             label += f", zero at {zeros[0]:+.1f}″".replace("-", "−")
         _draw_series(close, points, [row.theta_minus_theta0_arcsec for row in points], index, label)
         look = series_style(index)
-        close.plot(zeros, [0.0] * len(zeros), look.marker, color=look.color, markerfacecolor="white", zorder=3)
+        close.plot(zeros, [0.0] * len(zeros), look.marker, color=look.color, markerfacecolor=PAPER, zorder=3)
     null = next(row for row in rows if row.kind == "null")
     _draw_null(overview, close, null)
-    overview.set_title(f"axis {null.axis}, {null.configuration}, mounting {null.mounting}", loc="center")
+    overview.set_title(f"axis {null.axis}, {null.configuration}, mounting {null.mounting}")
     for axes, letter in ((overview, "a"), (close, "b")):
         axes.axhline(0.0, color=SOFT, linewidth=0.5, zorder=0)
         axes.set_ylabel("in-phase response S/(kA) / (µm s⁻² mm⁻¹)")
-        panel_letter(axes, letter)
+        axes.letter = letter
     overview.set_xlabel("stage angle θ / deg")
     close.set_xlabel("θ − θ₀ / arcsec")
     _limit_close_up(close, rows)
-    overview.legend(loc="best")
-    close.legend(loc="upper left")
+    overview.legend()
+    close.legend()
     return figure
 
 
@@ -204,7 +204,6 @@ def _draw_series(axes: Axes, rows: Sequence[ResponseRow], x: Sequence[float], in
         color=look.color,
         markersize=3.2,
         capsize=2.0,
-        elinewidth=0.7,
         label=label,
         zorder=4,
     )
@@ -213,7 +212,7 @@ def _draw_series(axes: Axes, rows: Sequence[ResponseRow], x: Sequence[float], in
 def _draw_null(overview: Axes, close: Axes, null: ResponseRow) -> None:
     sigma = null.theta_sigma_arcsec or 0.0
     overview.axvline(null.theta_deg, color=SOFT, linewidth=0.8, zorder=0, label="θ₀")
-    close.axvspan(-sigma, sigma, color=SOFT, alpha=0.35, linewidth=0.0, zorder=0)
+    close.axvspan(-sigma, sigma, color=SOFT, alpha=0.35)
     label = f"θ₀ = {null.theta_deg:.5f}° ± {sigma:.2f}″".replace("= -", "= −")
     at = [null.response_um_s2_per_mm]
     close.errorbar([0.0], at, xerr=[sigma], fmt="D", color=INK, markersize=5.0, capsize=2.0, label=label, zorder=5)

@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from rigctl.analysis.plane import ARCSEC
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.result.result import AxisResult
 from rigctl.files.package import CYCLIC, AxisSettings
+from rigctl.report.chart.axes import Axes
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, SOFT, SeriesStyle, new_figure, panel_letter, series_style
+from rigctl.report.figures.style import INK, SOFT, SeriesStyle, series_style
 
 IN_RANGE = 1.6
 """The requirement is drawn when it is at most this many times farther out than the data."""
@@ -90,7 +89,7 @@ def _sigma_out_of_plane(normal: FloatArray, covariance: FloatArray | None) -> fl
 
 def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
     """Two panels: out-of-plane angles by mounting, and the directions in the plane."""
-    figure = new_figure(2.9)
+    figure = Figure(2.9)
     scatter, directions = figure.subplots(1, 2, width_ratios=[1.75, 1.0])
     for index, configuration in enumerate(dict.fromkeys(row.configuration for row in rows)):
         vectors = [row for row in rows if row.configuration == configuration]
@@ -102,7 +101,6 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
             fmt=look.marker,
             color=look.color,
             capsize=2.0,
-            elinewidth=0.7,
             label=configuration,
             zorder=3,
         )
@@ -111,10 +109,10 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
     _frame_directions(directions, rows)
     scatter.set_xlabel("mounting")
     scatter.set_ylabel("angle out of the plane / arcsec")
-    scatter.xaxis.set_major_locator(MaxNLocator(integer=True))
-    scatter.legend(loc="lower left", ncols=3)
-    panel_letter(scatter, "a")
-    panel_letter(directions, "b")
+    scatter.x.integer = True
+    scatter.legend(ncols=3)
+    scatter.letter = "a"
+    directions.letter = "b"
     return figure
 
 
@@ -127,22 +125,21 @@ def _draw_directions(axes: Axes, angles_deg: Sequence[float], look: SeriesStyle,
     spread = np.degrees(np.angle(vectors / mean)).std(ddof=min(1, len(vectors) - 1))
     # Adding zero turns a rounded -0.00 into 0.00.
     angle = f"{round(float(np.degrees(np.angle(mean))), 2) + 0.0:.2f}° ± {spread:.2f}°".replace("-", "−")
-    label = f"{configuration}, n = {len(vectors)}\n{angle}"
+    label = f"{configuration}, n = {len(vectors)}: {angle}"
     axes.plot(vectors.real, vectors.imag, look.marker, color=look.color, label=label)
 
 
 def _draw_bands(axes: Axes, rows: Sequence[PlaneRow]) -> None:
     sigma, requirement = rows[0].sigma_hc_arcsec, rows[0].requirement_arcsec
     for multiple, alpha in ((2.0, 0.12), (1.0, 0.16)):
-        axes.axhspan(-multiple * sigma, multiple * sigma, color=INK, alpha=alpha, linewidth=0.0, zorder=0)
+        axes.axhspan(-multiple * sigma, multiple * sigma, color=INK, alpha=alpha)
         for sign, text in ((multiple, "+"), (-multiple, "−")):
             label = f"{text}{'' if multiple == 1.0 else '2'}σ"
-            edge = axes.get_yaxis_transform()
-            axes.text(1.01, sign * sigma, label, fontsize=7.0, va="center", transform=edge)
+            axes.text(1.01, sign * sigma, label, share_x=True)
     axes.axhline(0.0, color=INK, linewidth=0.6, zorder=1)
     reach = max(2.0 * sigma, *(abs(row.out_of_plane_arcsec) + row.sigma_fit_arcsec for row in rows))
     title = f"axis {rows[0].axis}: half-cone 2σ = {2.0 * sigma:.1f}″, required {requirement:g}″"
-    axes.set_title(title, loc="center")
+    axes.set_title(title)
     if requirement <= IN_RANGE * reach:
         reach = max(reach, requirement)
         axes.axhline(requirement, color=SOFT, linestyle="--", label=f"requirement ±{requirement:g}″")
@@ -159,12 +156,10 @@ def _frame_directions(axes: Axes, rows: Sequence[PlaneRow]) -> None:
     (left, right), (bottom, top) = _quadrants(np.cos(angles)), _quadrants(np.sin(angles))
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
-    axes.set_aspect("equal", anchor="N")
+    axes.equal = True
     axes.set_xlabel(f"along {rows[0].in_plane_from[0]} of the cube")
     axes.set_ylabel(f"along {rows[0].in_plane_towards[0]} of the cube")
-    # Between the axes, inside the circle.
-    place = (0.38 * (left + right), 0.38 * (bottom + top))
-    axes.legend(loc="center", bbox_to_anchor=place, bbox_transform=axes.transData, labelspacing=1.0)
+    axes.legend()
 
 
 def _quadrants(components: FloatArray) -> tuple[float, float]:

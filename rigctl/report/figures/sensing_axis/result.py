@@ -7,15 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from rigctl.analysis.plane import ARCSEC
 from rigctl.experiments.sensing_axis.model.fit import NullPoint
 from rigctl.experiments.sensing_axis.result.budget import AxisBudget
+from rigctl.report.chart.axes import Axes
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, SOFT, new_figure, panel_letter, series_style
+from rigctl.report.figures.style import INK, PAPER, series_style
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ def draw_nulls(rows: Sequence[NullRow]) -> Figure:
     """A column per axis: theta0 above, its sigma below."""
     axes_names = list(dict.fromkeys(row.axis for row in rows))
     configurations = list(dict.fromkeys(row.configuration for row in rows))
-    figure = new_figure(3.4)
+    figure = Figure(3.4)
     panels = figure.subplots(2, len(axes_names), sharex="col", sharey="row", squeeze=False, height_ratios=[1.5, 1.0])
     for column, name in enumerate(axes_names):
         above, below = panels[:, column]
@@ -68,17 +67,17 @@ def draw_nulls(rows: Sequence[NullRow]) -> Figure:
                 label=configuration,
             )
             below.plot(mountings, sigma, look.marker, color=look.color)
-        above.set_title(f"axis {name}", loc="center")
+        above.set_title(f"axis {name}")
         below.set_xlabel("mounting")
         mounted = [row.mounting for row in rows if row.axis == name]
         below.set_xlim(min(mounted) - 0.5, max(mounted) + 0.5)
-        below.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+        below.x.integer = True
     panels[1, 0].set_ylim(0.0, 1.1 * max(row.theta0_sigma_arcsec for row in rows))
     panels[0, 0].set_ylabel("null angle θ₀ / deg")
     panels[1, 0].set_ylabel("σ(θ₀) / arcsec")
-    panel_letter(panels[0, 0], "a")
-    panel_letter(panels[1, 0], "b")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(configurations))
+    panels[0, 0].letter = "a"
+    panels[1, 0].letter = "b"
+    figure.legend(panels[0, 0].labelled())
     return figure
 
 
@@ -121,16 +120,16 @@ def draw_budget(rows: Sequence[BudgetRow]) -> Figure:
     """A column per axis, contributions from the largest down, the combined uncertainty last."""
     names = _ranked(rows)
     axes_names = list(dict.fromkeys(row.axis for row in rows))
-    figure = new_figure(0.9 + 0.21 * len(names))
+    figure = Figure(0.9 + 0.21 * len(names))
     panels = figure.subplots(1, len(axes_names), sharey=True, sharex=True, squeeze=False)[0]
     for panel, name in zip(panels, axes_names, strict=True):
         _draw_axis(panel, [row for row in rows if row.axis == name], names)
-        panel.set_title(f"axis {name}", loc="center")
+        panel.set_title(f"axis {name}")
         panel.set_xlabel("standard uncertainty / arcsec")
     panels[0].set_yticks(range(len(names)), names)
     # Downwards: the largest is on top.
     panels[0].set_ylim(len(names) - 0.4, -0.6)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    figure.legend(panels[0].labelled())
     return figure
 
 
@@ -151,14 +150,11 @@ def _draw_axis(panel: Axes, rows: Sequence[BudgetRow], names: Sequence[str]) -> 
             places + (0.2 if component == 2 else -0.2),
             [getattr(row, f"component_{component}_arcsec") for row in rows],
             height=0.36,
-            facecolor=look.color if component == 1 else "white",
+            facecolor=look.color if component == 1 else PAPER,
             edgecolor=look.color,
             hatch=look.hatch,
-            linewidth=0.6,
             label=f"component {component}",
         )
     # Sets off the combined uncertainty, which is last.
     panel.axhline(len(names) - 1.5, color=INK, linewidth=0.6)
-    panel.tick_params(axis="y", length=0.0)
-    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
-    panel.set_axisbelow(True)
+    panel.grid("x")

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rigctl.campaign.recording import Header
 from rigctl.core.arrays import FloatArray
@@ -19,8 +18,9 @@ from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_package
 from rigctl.files.package import HeadSettings
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import SOFT, new_figure, series_style
+from rigctl.report.figures.style import SOFT, series_style
 from rigctl.report.quantities import typically
 
 FREQUENCIES_HZ = (0.3, 0.5, 0.6)
@@ -139,7 +139,7 @@ def draw_signature(rows: Sequence[SignatureRow]) -> Figure:
     shown = list(dict.fromkeys((row.channel, row.component, row.unit) for row in rows))
     columns = min(len(shown), 2)
     lines = math.ceil(len(shown) / 2)
-    figure = new_figure(2.0 * lines)
+    figure = Figure(2.0 * lines)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for panel, (channel, component, unit) in zip(panels, shown, strict=False):
         for index, frequency in enumerate(FREQUENCIES_HZ):
@@ -155,9 +155,8 @@ def draw_signature(rows: Sequence[SignatureRow]) -> Figure:
         panel.axhline(0.0, color=SOFT, linewidth=0.5, zorder=0)
         panel.set_title(f"{channel}, {component}")
         panel.set_ylabel(f"added / {unit}")
-        panel.ticklabel_format(axis="y", scilimits=(-3, 4))
         panel.set_xlabel("stage angle θ / deg")
     for panel in panels[len(shown) :]:
         panel.set_axis_off()
-    panels[0].legend(loc="best")
+    panels[0].legend()
     return figure

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from rigctl.analysis.noise import NoisePool, Spectrum
+from rigctl.analysis.noise import Spectrum
 from rigctl.campaign.recording import RunSource
-from rigctl.core.errors import DataError
-from rigctl.experiments.sensing_axis.observe.reduction import reduce_run
+from rigctl.experiments.sensing_axis.observe.store_reduction import spectra_left
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, new_figure, series_style
+from rigctl.report.figures.style import INK, series_style
 
 
 @dataclass(frozen=True)
@@ -32,8 +31,8 @@ def spectrum_plates(
     source: RunSource, lines_hz: Sequence[float], new_lines: Sequence[Mapping[str, Any]]
 ) -> Iterator[Plate[SpectrumRow]]:
     """A figure per channel of a sensing-axis recording; `lines_hz` are in the model, `new_lines` are not."""
-    before = _pooled(source, ())
-    after = _pooled(source, lines_hz) if lines_hz else {}
+    before = spectra_left(source)
+    after = spectra_left(source, lines_hz) if lines_hz else {}
     for channel, left in before.items():
         # Lengths are reduced to metres, whatever the name of their column says.
         unit = "V" if channel.endswith("_v") else "m"
@@ -52,19 +51,6 @@ def spectrum_plates(
         yield Plate(f"spectrum_{channel}", caption, rows, draw_spectrum)
 
 
-def _pooled(source: RunSource, lines_hz: Sequence[float]) -> dict[str, Spectrum]:
-    pools: dict[str, NoisePool] = {}
-    channels = source.header.channels
-    for record in source.runs(valid_only=True):
-        try:
-            run = reduce_run(record.run_id, record.conditions, source.samples(record.run_id), lines_hz, channels)
-        except DataError:
-            continue  # a run that cannot be fitted is in no residual either
-        for name, channel in run.channels.items():
-            pools.setdefault(name, NoisePool()).add(channel.noise)
-    return {name: pool.spectrum for name, pool in pools.items()}
-
-
 def _rows(channel: str, kind: Any, left: Spectrum, unit: str) -> list[SpectrumRow]:
     # A pooled spectrum of a night has more bins than a page has dots.
     thin = left.compact()
@@ -79,13 +65,13 @@ def _rows(channel: str, kind: Any, left: Spectrum, unit: str) -> list[SpectrumRo
 
 def draw_spectrum(rows: Sequence[SpectrumRow]) -> Figure:
     """One panel, both axes logarithmic."""
-    figure = new_figure(2.4)
+    figure = Figure(2.4)
     axes = figure.subplots()
     kinds = list(dict.fromkeys(row.kind for row in rows if row.density_unit_rthz is not None))
     for index, kind in enumerate(kinds):
         bins = [row for row in rows if row.kind == kind]
         look = series_style(index)
-        axes.loglog(
+        axes.plot(
             [row.frequency_hz for row in bins],
             [row.density_unit_rthz for row in bins],
             color=look.color,
@@ -97,9 +83,11 @@ def draw_spectrum(rows: Sequence[SpectrumRow]) -> Figure:
             axes.axvline(row.frequency_hz, color=INK, linewidth=0.6, linestyle=":")
             label = f"{row.frequency_hz:.4g} Hz"
             # At the top of the panel, whatever the spectrum's height.
-            axes.annotate(label, (row.frequency_hz, 0.97), xycoords=("data", "axes fraction"), va="top", fontsize=7)
+            axes.text(row.frequency_hz, 0.94, label, share_y=True)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
     axes.set_xlabel("frequency / Hz")
-    axes.set_ylabel(f"{rows[0].channel} / ({rows[0].unit} Hz$^{{-1/2}}$)")
+    axes.set_ylabel(f"{rows[0].channel} / ({rows[0].unit}/√Hz)")
     if len(kinds) > 1:
-        axes.legend(loc="best")
+        axes.legend()
     return figure

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, new_figure, panel_letter, series_style
+from rigctl.report.figures.style import INK, series_style
 
 CYCLES = 3
 _CHANNELS = {"stage_x_mm": "stage / mm", "accel_v": "accelerometer / V"}
@@ -61,7 +61,7 @@ def _sine(time_s: FloatArray, values: FloatArray, frequency_hz: float) -> FloatA
 
 def draw_time_series(rows: Sequence[SampleRow]) -> Figure:
     """Two panels over time, a channel each."""
-    figure = new_figure(3.2)
+    figure = Figure(3.2)
     panels = figure.subplots(2, 1, sharex=True)
     for index, (panel, letter, (channel, label)) in enumerate(zip(panels, "ab", _CHANNELS.items(), strict=True)):
         shown = [row for row in rows if row.channel == channel]
@@ -72,7 +72,7 @@ def draw_time_series(rows: Sequence[SampleRow]) -> Figure:
         panel.set_ylabel(label)
         # Room for the legend above the crests.
         panel.margins(y=0.25)
-        panel.legend(loc="upper right", ncols=2)
-        panel_letter(panel, letter)
+        panel.legend(ncols=2)
+        panel.letter = letter
     panels[1].set_xlabel("time / s")
     return figure

@@ -9,16 +9,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.model import TableModel
 from rigctl.experiments.table.model.pieces import ColumnPiece
 from rigctl.experiments.table.model.scanned import Periodic
 from rigctl.experiments.table.model.words import Slope
+from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate, file_name
 from rigctl.report.figures.residuals import axis_label
-from rigctl.report.figures.style import SOFT, new_figure, series_style
+from rigctl.report.figures.style import SOFT, series_style
 
 _PHASE = "cycle"
 
@@ -89,7 +89,7 @@ def _named(response: str) -> tuple[str, str]:
 
 def draw_term(rows: Sequence[TermRow]) -> Figure:
     """Readings as points, the term as a line along its axis."""
-    figure = new_figure(2.2)
+    figure = Figure(2.2)
     axes = figure.subplots()
     axes.axhline(0.0, color=SOFT, linewidth=0.6)
     levels = sorted({row.level for row in rows})
@@ -98,15 +98,15 @@ def draw_term(rows: Sequence[TermRow]) -> Figure:
         places, look = [row.value for row in along], series_style(number)
         # A single series is one colour of points, and its line would vanish among them.
         line = look if level else series_style(1)
-        axes.plot(places, [row.reading for row in along], look.marker, color=look.color, ms=2.4, alpha=0.6)
+        axes.plot(places, [row.reading for row in along], look.marker, color=look.color, markersize=2.4, alpha=0.6)
         axes.plot(
             places, [row.term for row in along], color=line.color, linestyle=line.line if level else "-", label=level
         )
     if levels != [""]:
-        axes.legend(loc="best")
+        axes.legend()
     axes.set_xlabel(rows[0].axis)
     axes.set_ylabel(" / ".join(filter(None, [rows[0].response, rows[0].unit])))
-    axes.set_title(rows[0].effect, loc="left")
+    axes.set_title(rows[0].effect)
     if rows[0].axis.endswith(_PHASE):
         axes.set_xlim(0.0, 1.0)
     return figure
