@@ -187,3 +187,19 @@ def test_a_question_is_new_in_another_store_whatever_its_number(desk: Any, at_co
 def seen(path: Path, question: Question) -> StoreView:
     status = {"state": "running", "step": "", "runs_done": 0, "runs_planned": 6, "runs_invalid": 0, "eta_s": None}
     return StoreView(path, status, True, (), (), {}, question)
+
+
+def test_a_stop_before_the_store_has_been_read_is_of_the_campaign_that_is_seen_then(
+    measured: Path, at_console: Any
+) -> None:
+    async def sitting(seat: Any) -> None:
+        stopped = []
+        seat.app.action_stop = lambda stop=seat.app.action_stop: stopped.append(seat.app._view) or stop()
+        seat.app._watch(measured)
+        await seat.press("f8")
+        await seat.until(lambda: seat.app._view)
+        await seat.until(lambda: len(stopped) == 2)
+        assert stopped[0] is None
+        assert stopped[1].path == measured
+
+    at_console(sitting)
