@@ -209,8 +209,10 @@ class Console(Shell):
         """A process of ours has ended."""
         if self._view is not None and self._view.path == message.store and message.status == 0:
             self._analyses.ask(message.store, "model", quiet=True)
+        if message.status == -STOP_SIGNAL:
+            self._note("the campaign was stopped before it had begun", "warning")
         # 130 is an abort, which the operator has asked for.
-        if message.status not in {0, 130}:
+        elif message.status not in {0, 130}:
             self._note(message.last_line or f"the campaign's process ended with status {message.status}", "error")
         if self._holding.bench is None:
             # The rig was given free for the campaign; it is held again as before.
@@ -244,15 +246,15 @@ class Console(Shell):
         view = self._view
         # What is held here first: it needs no other process.
         held = self._holding.stop()
-        if view is not None and view.alive:
-            # Three ways, as any one may be the only one open: its signal, its store, its instruments.
-            self._campaigns.signal(view.path, STOP_SIGNAL)
-            self._send("request", view.path, "stop")
-            self._holding.stop_from_outside(view)
-        elif view is not None and view.killed:
-            self._holding.stop_from_outside(view)
-        elif view is not None and self._campaigns.signal(view.path, STOP_SIGNAL):
-            held = True  # an investigation between its campaigns: nothing moves, and nothing is to begin
+        if view is not None:
+            # Also where the store knows of no process yet: a campaign that is being resumed, an investigation between
+            # its campaigns.
+            held = self._campaigns.signal(view.path, STOP_SIGNAL) or held
+            if view.alive:
+                # Three ways, as any one may be the only one open: its signal, its store, its instruments.
+                self._send("request", view.path, "stop")
+            if view.alive or view.killed:
+                self._holding.stop_from_outside(view)
         self._act("STOP")
         if view is None and self._feed.watches:
             # It may be of a campaign that runs; whoever asks for a STOP does not wait to see that.
