@@ -142,7 +142,7 @@ class CampaignPane(Vertical):
     def unsaved(self) -> str:
         """What would be lost if the file were closed; "" when nothing would."""
         form = self._file.form
-        return "" if form is None or form.saved else f"The changes in the form of {form.path} are not saved"
+        return "" if form is None or not form.edited else f"The changes in the form of {form.path} are not saved"
 
     def compose(self) -> ComposeResult:
         """Three pages."""
