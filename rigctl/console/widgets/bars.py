@@ -185,6 +185,11 @@ class KeyBar(Widget):
         style = self.get_component_rich_style("key-bar--key")
         line = Text(no_wrap=True, overflow="ellipsis")
         for key, shown, description in self._keys:
-            press = Style(meta={"@click": f"app.simulate_key('{key}')"})
+            press = Style(meta={"key": key})
             line.append(shown, style + press).append(f" {description}", press).append(" ")
         return line
+
+    def on_click(self, event: Click) -> None:
+        """Press the key that was clicked."""
+        if key := event.style.meta.get("key"):
+            self.app.simulate_key(key)
