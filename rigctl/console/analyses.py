@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.console.messages import FileWritten, Severity
-from rigctl.console.screens.panes import Panes
 from rigctl.console.store_view import StoreView
 from rigctl.core.errors import RigError
 from rigctl.report.quantities import duration
 
 if TYPE_CHECKING:
     from rigctl.console.analyst import Analyst
+    from rigctl.console.screens.panes import Panes
     from rigctl.report.watch import Watch
     from rigctl.workbench.misfits import RunMisfit
 
@@ -33,6 +33,16 @@ class Job:
 
     def __str__(self) -> str:
         return f"{self.what.replace('_', ' ')} of {self.store.name}, {time.monotonic() - self.since_s:.0f} s"
+
+
+@dataclass(frozen=True)
+class Undoable:
+    """A change of a store that was made here: in words, and what has to be asked to take it back."""
+
+    told: str
+    store: Path
+    what: str
+    arguments: tuple[Any, ...]
 
 
 LIVE_S = 1.0
@@ -66,7 +76,7 @@ class Analyses:
         self._watching = False
         self._far: tuple[Path, Sequence[RunMisfit]] | None = None
         self._jobs: list[Job] = []
-        self._undoable: list[tuple[str, Path, str, tuple[Any, ...]]] = []
+        self._undoable: list[Undoable] = []
 
     def jobs(self) -> list[str]:
         """What somebody waits for, in words; k cancels it."""
@@ -82,13 +92,14 @@ class Analyses:
             self._analyst.cancel()
         return bool(waited_for)
 
-    def undo(self) -> str:
+    def undo(self, store: Path) -> str:
         """Take back the last change that was made here to what a store keeps; says what, "" when there is none."""
-        if not self._undoable:
+        change = next((each for each in reversed(self._undoable) if each.store == store), None)
+        if change is None:
             return ""
-        told, store, what, arguments = self._undoable.pop()
-        self.ask(store, what, *arguments, undo=False)
-        return told
+        self._undoable.remove(change)
+        self.ask(store, change.what, *change.arguments, undoes=change)
+        return change.told
 
     def close(self) -> None:
         """End what is still being worked out."""
@@ -101,15 +112,17 @@ class Analyses:
 
         return Analyst(self.plugins)
 
-    def ask(self, store: Path, what: str, *arguments: Any, quiet: bool = False, undo: bool = True) -> None:
+    def ask(
+        self, store: Path, what: str, *arguments: Any, quiet: bool = False, undoes: Undoable | None = None
+    ) -> None:
         """A function of `rigctl.console.analysis`; `quiet` ones nobody has asked for, and none is told of failing.
 
-        What changes the store can be undone, unless it is itself an `undo`.
+        What changes the store can be undone, unless it undoes something itself.
         """
         job = Job(what, store, time.monotonic(), quiet)
         # Before it begins: what was asked is to be seen at once.
         self._jobs.append(job)
-        self._start("analysis", self._work_out(job, arguments, undo=undo))
+        self._start("analysis", self._work_out(job, arguments, undoes))
 
     def dry_run(self, campaign: Path) -> None:
         """What a campaign file would do."""
@@ -177,11 +190,13 @@ class Analyses:
         finally:
             self._jobs.remove(job)
 
-    async def _work_out(self, job: Job, arguments: Sequence[Any], *, undo: bool) -> None:
+    async def _work_out(self, job: Job, arguments: Sequence[Any], undoes: Undoable | None) -> None:
         try:
-            await self._show(job, await self._analyst.ask(job.what, job.store, *arguments))
-            if undo:
-                self._note_undoable(job, arguments)
+            answer = await self._analyst.ask(job.what, job.store, *arguments)
+            if undoes is None:
+                self._note_undoable(job, arguments, answer)
+            undoes = None
+            await self._show(job, answer)
         except Exception as error:  # noqa: BLE001 - told to the operator
             if job.cancelled:
                 self._tell(f"cancelled: {job}", "warning")
@@ -189,15 +204,18 @@ class Analyses:
                 self._tell(in_one_line(error), "error")
         finally:
             self._jobs.remove(job)
+            if undoes is not None:  # it was not taken back: it still can be
+                self._undoable.append(undoes)
 
-    def _note_undoable(self, job: Job, arguments: Sequence[Any]) -> None:
+    def _note_undoable(self, job: Job, arguments: Sequence[Any], answer: Any) -> None:
         if job.what in OPPOSITE:
-            names = ", ".join(arguments[0])
-            self._undoable.append((f"{job.what} {names}", job.store, OPPOSITE[job.what], tuple(arguments)))
+            told = f"{job.what} {', '.join(arguments[0])}"
+            self._undoable.append(Undoable(told, job.store, OPPOSITE[job.what], tuple(arguments)))
         if job.what == "mark":
-            run_id, valid, _ = arguments
-            said = f"mark of run {run_id}"
-            self._undoable.append((said, job.store, "mark", (run_id, not valid, f"{said} taken back")))
+            told, before = f"mark of run {answer['run_id']}", answer["before"]
+            # A run that was left out is left out again for its own reason.
+            marked = answer["run_id"], before["valid"], before["reason"] or f"{told} taken back"
+            self._undoable.append(Undoable(told, job.store, "mark", marked))
 
     async def _show(self, job: Job, answer: Any) -> None:
         store, what = job.store, job.what

@@ -127,11 +127,13 @@ def compare_with(store: Path, other: Path, plugins: Plugins) -> Json:
 
 
 def mark(store: Path, run_id: str, valid: bool, reason: str, plugins: Plugins) -> Json:
-    """`rigctl mark`."""
+    """`rigctl mark`, and how the run stood before."""
     del plugins
     with Store.open(store) as opened:
+        runs = {run.run_id: run for run in opened.runs()}
         opened.mark(run_id, valid, reason)
-    return {"run_id": run_id, "valid": valid, "reason": reason}
+    before = {"valid": runs[run_id].valid, "reason": runs[run_id].reason}
+    return {"run_id": run_id, "valid": valid, "reason": reason, "before": before}
 
 
 def write(store: Path, kind: str, path: Path, plugins: Plugins) -> Json:

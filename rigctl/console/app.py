@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import tomllib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,15 +17,12 @@ from rigctl.console.place import kind_of
 from rigctl.console.shell import Shell, while_running
 from rigctl.console.titles import openable, title_of, with_opened
 from rigctl.console.widgets.bars import SCREENS
-from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog, TextDialog
 from rigctl.console.writing import KINDS, look_at, proposed, refusal
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import RigError
 from rigctl.core.making_safe import STOP_SIGNAL, TERMINAL_LOST, Rest, ended_by_signals
 
 DRAW_S = 0.1
-FIRST_S = 0.25
-"""What is open at the start is opened after the first paint: its imports take seconds."""
 
 
 class Console(Shell):
@@ -65,6 +61,7 @@ class Console(Shell):
         super().__init__(plugins, directory)
         self._leave_terminal = leave_terminal
         self._place = place
+        self._stop_owed = False
         self._signals = ExitStack()
         self.interrupted = ""
         self.unsafe: list[Rest] = []
@@ -72,17 +69,22 @@ class Console(Shell):
     # Beginning and end
 
     def on_mount(self) -> None:
-        """Draw first, then open what is to be opened."""
+        """Draw first."""
+        # Textual's own handlers are in place by now.
+        self._signals.enter_context(ended_by_signals(self._signalled))
+        self.screen.call_after_refresh(self._begin)
+
+    @work
+    async def _begin(self) -> None:
+        """The screens, then what is to be opened."""
+        await self.furnish()
         self._feed.start()
         self.set_interval(DRAW_S, self._draw)
         self.action_screen(self.kept.screen)
-        # Once there is something to stop; textual's own handlers are in place by now.
-        self._signals.enter_context(ended_by_signals(self._signalled))
-        self.set_timer(FIRST_S, self._open_first)
+        self.take_keys()
+        self.call_later(self._open_first)
 
     def _open_first(self) -> None:
-        if not self.is_running:
-            return
         if self.kept.notice:
             self._note(self.kept.notice, "warning")
             self.kept.notice = ""
@@ -97,7 +99,8 @@ class Console(Shell):
         """Leave everything in order: instruments at rest, state kept."""
         # Threads first, which would post to a screen that is gone; signals last, as they stop instruments until then.
         self._feed.close()
-        self._analyses.close()
+        if not self.keys_wait:  # the screens are there
+            self._analyses.close()
         self.make_safe()
         self._keep_state()
         self._signals.close()
@@ -126,13 +129,15 @@ class Console(Shell):
 
     def _terminal_lost(self) -> None:
         """The terminal is gone: the campaign does what its file chose, a rig of ours comes to rest."""
+        from rigctl.console.readings import toml_of  # with what instruments are, after the first paint
+
         notice = "The terminal was lost"
         if self._holding.bench is not None:
             notice += "; the rig was brought to rest"
         view = self._view
         # Only to a campaign of our own; another's terminal may be there still.
         if view is not None and view.alive and self._campaigns.signal(view.path, signal.SIGHUP):
-            stops = tomllib.loads(view.campaign_toml).get("on_terminal_lost") == "stop"
+            stops = toml_of(view.campaign_toml).get("on_terminal_lost") == "stop"
             notice += f"; the campaign {'was stopped' if stops else 'went on'}, as its file chose ({view.path})"
         elif view is not None and view.alive:
             notice += f"; the campaign went on, it was not this console's ({view.path})"
@@ -173,6 +178,7 @@ class Console(Shell):
     def _watch(self, store: Path) -> None:
         self.kept.store = str(store.absolute())
         self._view = self._shown_view = None
+        self._stop_owed = False
         self.call_later(self._panes.results.clear)
         self._feed.watch(store)
 
@@ -192,6 +198,9 @@ class Console(Shell):
         if ended:
             self._analyses.ask(message.view.path, "model", quiet=True)
             self._note(f"the campaign is {message.view.state}")
+        if self._stop_owed:
+            self._stop_owed = False
+            self.action_stop()
         # At once: a dialog over a question that is answered would take a word for the next one.
         self._asking.show(message.view)
 
@@ -200,8 +209,10 @@ class Console(Shell):
         """A process of ours has ended."""
         if self._view is not None and self._view.path == message.store and message.status == 0:
             self._analyses.ask(message.store, "model", quiet=True)
+        if message.status == -STOP_SIGNAL:
+            self._note("the campaign was stopped before it had begun", "warning")
         # 130 is an abort, which the operator has asked for.
-        if message.status not in {0, 130}:
+        elif message.status not in {0, 130}:
             self._note(message.last_line or f"the campaign's process ended with status {message.status}", "error")
         if self._holding.bench is None:
             # The rig was given free for the campaign; it is held again as before.
@@ -235,17 +246,21 @@ class Console(Shell):
         view = self._view
         # What is held here first: it needs no other process.
         held = self._holding.stop()
-        if view is not None and view.alive:
-            # Three ways, as any one may be the only one open: its signal, its store, its instruments.
-            self._campaigns.signal(view.path, STOP_SIGNAL)
-            self._send("request", view.path, "stop")
-            self._holding.stop_from_outside(view)
-        elif view is not None and view.killed:
-            self._holding.stop_from_outside(view)
-        elif view is not None and self._campaigns.signal(view.path, STOP_SIGNAL):
-            held = True  # an investigation between its campaigns: nothing moves, and nothing is to begin
+        if view is not None:
+            # Also where the store knows of no process yet: a campaign that is being resumed, an investigation between
+            # its campaigns.
+            held = self._campaigns.signal(view.path, STOP_SIGNAL) or held
+            if view.alive:
+                # Three ways, as any one may be the only one open: its signal, its store, its instruments.
+                self._send("request", view.path, "stop")
+            if view.alive or view.killed:
+                self._holding.stop_from_outside(view)
         self._act("STOP")
-        if not held and (view is None or not (view.alive or view.killed)):
+        if view is None and self._feed.watches:
+            # It may be of a campaign that runs; whoever asks for a STOP does not wait to see that.
+            self._stop_owed = True
+            self._note("STOP: of the campaign as soon as its store has been read", "warning")
+        elif not held and (view is None or not (view.alive or view.killed)):
             self._note("STOP: no rig is held here, and no campaign runs", "warning")
 
     def action_cancel(self) -> None:
@@ -257,18 +272,28 @@ class Console(Shell):
         """Take back the last thing that can be taken back: on a form what was typed, else what the store keeps."""
         if self.kept.screen == "campaign" and self._panes.campaign.undo():
             return
-        undone = self._analyses.undo()
+        undone = self._analyses.undo(self._view.path) if self._view is not None else ""
         self._note(f"undo: {undone}" if undone else "nothing to undo here", "information" if undone else "warning")
 
     def action_open(self) -> None:
         """Ask which file."""
+        from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog  # after the first paint
 
         def go(path: str) -> None:
             self._act(f"open {path}")
             self.action_screen(self._open(Path(path)))
 
+        def unless_lost(path: str) -> None:
+            unsaved = self._panes.campaign.unsaved if path.endswith(".toml") else ""
+            if unsaved:
+                ConfirmDialog(f"Open {path}?", f"{unsaved}: another campaign file takes their place.").ask(
+                    self, lambda _: go(path)
+                )
+            else:
+                go(path)
+
         files = openable(self.kept.recent, Path())
-        OpenDialog("Open a rig file, a campaign file, a store or a plug-in", files).ask(self, go)
+        OpenDialog("Open a rig file, a campaign file, a store or a plug-in", files).ask(self, unless_lost)
 
     def action_bench(self) -> None:
         """Hold the rig."""
@@ -281,15 +306,20 @@ class Console(Shell):
 
     def action_leave(self) -> None:
         """Quit; a campaign goes on."""
-        view = self._view
-        if view is None or not view.alive:
+        from rigctl.console.widgets.dialogs import ConfirmDialog  # after the first paint
+
+        view, told = self._view, []
+        if view is not None and view.alive:
+            told.append(
+                f"A campaign runs ({view.path}). It goes on without the console; "
+                f"`rigctl console {view.path}` attaches to it again."
+            )
+        if unsaved := self._panes.campaign.unsaved:
+            told.append(f"{unsaved}.")
+        if told:
+            ConfirmDialog("Quit the console?", "\n".join(told)).ask(self, lambda _: self.exit())
+        else:
             self.exit()
-            return
-        question = (
-            f"A campaign runs ({view.path}). It goes on without the console; "
-            f"`rigctl console {view.path}` attaches to it again."
-        )
-        ConfirmDialog("Quit the console?", question).ask(self, lambda _: self.exit())
 
     def on_motion_asked(self, message: say.MotionAsked) -> None:
         """Move, jog or home a stage of the rig that is held."""
@@ -349,6 +379,8 @@ class Console(Shell):
 
     def on_write_asked(self, message: say.WriteAsked) -> None:
         """Ask for a name, then have it written."""
+        from rigctl.console.widgets.dialogs import TextDialog  # after the first paint
+
         view, kind = self._view, message.kind
         if view is None:
             self._note("open a store first: o", "warning")

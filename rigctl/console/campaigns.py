@@ -57,6 +57,7 @@ class Campaigns:
         read, write = os.pipe()
         log = log_of(store)
         with log.open("ab") as log_file:
+            begun = log_file.tell()
             process = subprocess.Popen(  # noqa: S603
                 # The same interpreter: another one on the path may have another version.
                 [sys.executable, "-m", "rigctl", *arguments],
@@ -71,21 +72,21 @@ class Campaigns:
         os.close(read)
         os.close(write)
         self._running[store] = process
-        threading.Thread(target=self._wait, args=(store, process), daemon=True).start()
+        threading.Thread(target=self._wait, args=(store, process, begun), daemon=True).start()
 
-    def _wait(self, store: Path, process: subprocess.Popen[bytes]) -> None:
+    def _wait(self, store: Path, process: subprocess.Popen[bytes], begun: int) -> None:
         status = process.wait()
-        self._post(CampaignEnded(store, status, last_line(store)))
+        self._post(CampaignEnded(store, status, last_line(store, begun)))
 
 
 def _options(plugins: Sequence[Path]) -> list[str]:
     return [word for path in plugins for word in ("--plugin", str(path))]
 
 
-def last_line(store: Path) -> str:
-    """What a campaign that was started here said last; "" where it said nothing."""
+def last_line(store: Path, begun: int = 0) -> str:
+    """What a campaign that was started here said last, behind so many bytes of its log; "" where it said nothing."""
     log = log_of(store)
-    lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
+    lines = log.read_bytes()[begun:].decode(errors="replace").splitlines() if log.exists() else []
     return lines[-1] if lines else ""
 
 

@@ -38,6 +38,11 @@ class Feed:
         self._path = path
         self._changed.set()
 
+    @property
+    def watches(self) -> bool:
+        """Whether there is a store to look into."""
+        return self._path is not None
+
     def close(self) -> None:
         """Stop looking."""
         self._ended = True

@@ -30,7 +30,7 @@ class CampaignForm:
 
     def __init__(self, path: Path, text: str) -> None:
         self.path = path
-        self.text = text
+        self.text = self._untouched = text
         self.parts = entries(text)
         self._entries = {part.name: part for part in self.parts if isinstance(part, Entry)}
 
@@ -42,10 +42,15 @@ class CampaignForm:
         except (OSError, UnicodeDecodeError):
             return False
 
+    @property
+    def edited(self) -> bool:
+        """Whether something was typed that is not saved; the file itself may have been changed by others."""
+        return self.text != self._untouched
+
     def save(self, path: Path) -> None:
         """Write it, under its name or another; `OSError`."""
         path.write_text(self.text, encoding="utf-8")
-        self.path = path
+        self.path, self._untouched = path, self.text
 
     def type(self, name: str, typed: str) -> bool:
         """Set the entry of that name to what was typed; False when that changes nothing."""

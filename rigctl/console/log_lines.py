@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rigctl.campaign.store.entries import Event
+if TYPE_CHECKING:
+    from rigctl.campaign.store.entries import Event  # with numpy, which the first paint does not wait for
 
 ALARMS = {
     "aborted",

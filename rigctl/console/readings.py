@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 from rigctl.console.store_view import StoreView
-from rigctl.core.interfaces import (
-    DisplacementMeter,
-    Instrument,
-    LinearStage,
-    Reading,
-    RotationStage,
-    Thermometer,
-    Voltmeter,
-)
 from rigctl.core.numbers import decimal
 
 
@@ -81,32 +72,6 @@ class Strip:
     name: str
     ago_s: Any
     values: Any
-
-
-def limits_of(instrument: Instrument) -> Limits | None:
-    """Of a stage; None for what cannot be moved."""
-    if isinstance(instrument, RotationStage):
-        turn = instrument.limits
-        return Limits(turn.angle_min_deg, turn.angle_max_deg, "deg", turn.speed_deg_s)
-    if isinstance(instrument, LinearStage):
-        travel = instrument.limits
-        return Limits(travel.position_min_mm, travel.position_max_mm, "mm", travel.speed_mm_s)
-    return None
-
-
-def readings_of(instrument: Instrument) -> Iterator[tuple[str, Reading]]:
-    """What an instrument reads now, by label."""
-    if isinstance(instrument, RotationStage):
-        yield "angle", instrument.angle()
-    elif isinstance(instrument, LinearStage):
-        yield "position", instrument.position()
-    elif isinstance(instrument, DisplacementMeter):
-        names = [channel.name for channel in instrument.channels()]
-        yield from zip(names, instrument.displacements(), strict=True)
-    elif isinstance(instrument, Thermometer):
-        yield "temperature", instrument.temperature()
-    elif isinstance(instrument, Voltmeter):
-        yield "voltage", instrument.voltage()
 
 
 # Asked ten times a second for the same two files.

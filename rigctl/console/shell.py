@@ -12,31 +12,21 @@ from textual.app import App, ComposeResult
 from textual.command import CommandPalette
 from textual.events import Resize
 from textual.screen import Screen
-from textual.widgets import ContentSwitcher, Footer, Static
+from textual.widgets import ContentSwitcher, Static
 
 from rigctl.console import messages as say
 from rigctl.console import state
-from rigctl.console.alarms import Alarm, alarms_of
-from rigctl.console.analyses import Analyses
-from rigctl.console.asking import Asking
 from rigctl.console.campaigns import Campaigns, last_line
 from rigctl.console.escape import terminal_driver
 from rigctl.console.feed import Feed
 from rigctl.console.help import COMMANDS, text_for
 from rigctl.console.holding import Holding
 from rigctl.console.log_lines import Search
-from rigctl.console.screens.campaign import CampaignPane
-from rigctl.console.screens.log import LogPane
-from rigctl.console.screens.panes import Panes
-from rigctl.console.screens.results import ResultsPane
-from rigctl.console.screens.rig import RigPane
-from rigctl.console.screens.workbench import WorkbenchPane
 from rigctl.console.store_view import StoreView
 from rigctl.console.telling import Bell, Notes
 from rigctl.console.themes import DARK, THEMES
 from rigctl.console.typed import OrderedKeys
-from rigctl.console.widgets.bars import AlarmStrip, Standing, TabBar, Telling, TopBar
-from rigctl.console.widgets.dialogs import HelpDialog
+from rigctl.console.widgets.bars import AlarmStrip, KeyBar, Standing, TabBar, Telling, TopBar
 from rigctl.console.widgets.pages import pages_of
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import RigError
@@ -44,6 +34,10 @@ from rigctl.core.making_safe import Rest
 
 if TYPE_CHECKING:
     from rigctl.campaign.session.questions import Question
+    from rigctl.console.alarms import Alarm
+    from rigctl.console.analyses import Analyses
+    from rigctl.console.asking import Asking
+    from rigctl.console.screens.panes import Panes
 
 P = ParamSpec("P")
 Window = TypeVar("Window", bound=App[None])
@@ -63,47 +57,71 @@ def while_running(show: Callable[Concatenate[Window, P], None]) -> Callable[Conc
 
 
 class Shell(OrderedKeys):
-    """The screens of the console; `directory` is where its state is kept."""
+    """The screens of the console; `directory` is where its state is kept.
+
+    The frame is painted first: what the screens are made of takes longer to import. Keys wait for them.
+    """
 
     TITLE = "rigctl"
     CSS_PATH = "console.tcss"
     AT_ONCE = frozenset({"f8", "ctrl+x"})
+    _panes: Panes
+    _analyses: Analyses
+    _asking: Asking
 
     def __init__(self, plugins: Sequence[Path], directory: Path | None) -> None:
         super().__init__()
+        self.keys_wait = True
         # What the terminal itself sends is read by the driver; a console without one has none.
         self.driver_class = terminal_driver()
         self.directory = directory or state.state_directory()
         self.kept = state.load(self.directory)
-        self._panes = Panes(
-            RigPane(self.kept.jog_step), CampaignPane(), ResultsPane(), WorkbenchPane(self.kept.covariate), LogPane()
-        )
+        self._plugins = plugins
         self._view: StoreView | None = None
         self._shown_view: StoreView | None = None
         self._holding = Holding(self.post_message, self.call_from_thread)
         self._feed = Feed(self.post_message)
         self._campaigns = Campaigns(self.post_message)
-        self._analyses = Analyses(self._panes, plugins, self._beside, self._note)
         self._alarms = 0
         self._notes = Notes()
         self._bell = Bell(lambda: self.action_ring())
         self._unsafe: dict[str, Rest] = {}
         self._titled = ""
-        self._asking = Asking(self, self._answer)
         for theme in THEMES.values():
             self.register_theme(theme)
-        self.theme = self.kept.theme if self.kept.theme in THEMES else DARK.name
+        self._begin_in(self.kept.theme if self.kept.theme in THEMES else DARK.name)
+
+    def _begin_in(self, theme: str) -> None:
+        """Have a theme from the beginning; one that is set has all styles read twice before the first paint."""
+        self.set_reactive(Shell.theme, theme)
+        self.stylesheet.set_variables(self.get_css_variables())
+        dark = self.current_theme.dark
+        self.update_classes({"-dark-mode": dark, "-light-mode": not dark, f"-theme-{theme}": True}, update=False)
 
     def compose(self) -> ComposeResult:
-        """Top line, tabs, alarms, the five screens, what is told, keys."""
+        """The frame: top line, tabs, alarms, where the screens will be, what is told, keys."""
         yield TopBar()
         yield TabBar()
         yield AlarmStrip()
-        with ContentSwitcher(initial=self.kept.screen):
-            yield from vars(self._panes).values()
+        yield ContentSwitcher()
         yield Telling()
         yield Static(id="too-small")
-        yield Footer(show_command_palette=False, compact=True)
+        yield KeyBar()
+
+    async def furnish(self) -> None:
+        """Put the five screens into the frame."""
+        from rigctl.console.analyses import Analyses
+        from rigctl.console.asking import Asking
+        from rigctl.console.screens.panes import panes_as_left
+
+        self._panes = panes_as_left(self.kept)
+        self._analyses = Analyses(self._panes, self._plugins, self._beside, self._note)
+        self._asking = Asking(self, self._answer)
+        self.stylesheet.read(Path(__file__).with_name("screens") / "screens.tcss")
+        switcher, screens = self._base.query_one(ContentSwitcher), vars(self._panes).values()
+        for screen in screens:
+            screen.display = False
+        await switcher.mount_all(screens)
 
     # Screens
 
@@ -160,6 +178,8 @@ class Shell(OrderedKeys):
 
     def action_help(self) -> None:
         """Keys, those of this screen first."""
+        from rigctl.console.widgets.dialogs import HelpDialog  # after the first paint
+
         self.push_screen(HelpDialog(text_for(self.kept.screen)))
 
     def on_resize(self, event: Resize) -> None:
@@ -229,6 +249,8 @@ class Shell(OrderedKeys):
 
     def _tell_alarms(self) -> None:
         """What is wrong now, and what is being worked out."""
+        from rigctl.console.alarms import alarms_of  # after the first paint
+
         bench, view = self._holding.bench, self._view
         views = bench.views() if bench is not None else ()
         far = self._analyses.far(view.path) if view is not None and view.alive else ()
@@ -287,8 +309,9 @@ class Shell(OrderedKeys):
 
     def _keep_state(self) -> None:
         self.kept.theme = self.theme
-        self.kept.jog_step = self._panes.rig.jog_step
-        self.kept.covariate = self._panes.workbench.covariate
+        if not self.keys_wait:  # the screens are there
+            self.kept.jog_step = self._panes.rig.jog_step
+            self.kept.covariate = self._panes.workbench.covariate
         state.save(self.directory, self.kept)
 
     @property

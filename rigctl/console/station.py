@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -13,9 +13,18 @@ import numpy as np
 from textual.message import Message
 
 from rigctl.console.messages import Noted
-from rigctl.console.readings import InstrumentView, Strip, Value, limits_of, readings_of
+from rigctl.console.readings import InstrumentView, Limits, Strip, Value
 from rigctl.core.errors import LimitError, MotionStopped, RigError
-from rigctl.core.interfaces import Instrument, Stage
+from rigctl.core.interfaces import (
+    DisplacementMeter,
+    Instrument,
+    LinearStage,
+    Reading,
+    RotationStage,
+    Stage,
+    Thermometer,
+    Voltmeter,
+)
 from rigctl.files.rig_file import InstrumentTable
 
 POLL_S = 0.1
@@ -37,7 +46,7 @@ class Station:
     ) -> None:
         self.name = name
         self.instrument = instrument
-        self.limits = limits_of(instrument)
+        self.limits = _limits_of(instrument)
         self.settled = threading.Event()
         """Set while no motion of ours is under way."""
         self.settled.set()
@@ -97,7 +106,7 @@ class Station:
         stops = self.stops
 
         def go() -> None:
-            (_, at), *_ = readings_of(stage)
+            (_, at), *_ = _readings_of(stage)
             if self.limits is not None and (refusal := self.limits.refusal(at.value + step)):
                 raise LimitError(f"{self.name}: {refusal}")
             self._raise_if_stopped(stops)
@@ -154,7 +163,7 @@ class Station:
             try:
                 if self.state in {"connecting", "lost"}:
                     self._connect()
-                for label, reading in readings_of(self.instrument):
+                for label, reading in _readings_of(self.instrument):
                     value = Value(label, reading.value, reading.unit, time.monotonic())
                     self._values.setdefault(label, deque(maxlen=STRIP_LENGTH)).append(value)
                 # Why it stopped stays to be read, until it is moved again.
@@ -195,3 +204,29 @@ class Station:
             self.state = "lost"
             with suppress(Exception):  # it is lost already, and who is told of failures has been told
                 self.instrument.close()
+
+
+def _limits_of(instrument: Instrument) -> Limits | None:
+    """Of a stage; None for what cannot be moved."""
+    if isinstance(instrument, RotationStage):
+        turn = instrument.limits
+        return Limits(turn.angle_min_deg, turn.angle_max_deg, "deg", turn.speed_deg_s)
+    if isinstance(instrument, LinearStage):
+        travel = instrument.limits
+        return Limits(travel.position_min_mm, travel.position_max_mm, "mm", travel.speed_mm_s)
+    return None
+
+
+def _readings_of(instrument: Instrument) -> Iterator[tuple[str, Reading]]:
+    """What an instrument reads now, by label."""
+    if isinstance(instrument, RotationStage):
+        yield "angle", instrument.angle()
+    elif isinstance(instrument, LinearStage):
+        yield "position", instrument.position()
+    elif isinstance(instrument, DisplacementMeter):
+        names = [channel.name for channel in instrument.channels()]
+        yield from zip(names, instrument.displacements(), strict=True)
+    elif isinstance(instrument, Thermometer):
+        yield "temperature", instrument.temperature()
+    elif isinstance(instrument, Voltmeter):
+        yield "voltage", instrument.voltage()

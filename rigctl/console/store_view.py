@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rigctl.campaign.recording import ChannelInfo, RunRecord
-from rigctl.campaign.store.entries import Event
-from rigctl.core.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from rigctl.campaign.session.questions import Question  # with SQLite, which the first paint does not wait for
+if TYPE_CHECKING:  # with numpy and SQLite, which the first paint does not wait for
+    from rigctl.campaign.recording import ChannelInfo, RunRecord
+    from rigctl.campaign.session.questions import Question
+    from rigctl.campaign.store.entries import Event
+    from rigctl.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from rigctl.console.alarms import Alarm
 from rigctl.console.messages import Severity
+
+if TYPE_CHECKING:
+    from rigctl.console.alarms import Alarm  # with what instruments are, which the first paint does not wait for
 
 NOTE_S = 8.0
 ERROR_S = 30.0

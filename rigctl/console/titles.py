@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -39,6 +38,8 @@ def title_of(path: Path) -> str:
     try:
         if path.stat().st_size > _LARGEST_BYTES:
             return ""
+        import tomllib  # after the first paint
+
         return titled(tomllib.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError):  # told when it is opened
         return ""

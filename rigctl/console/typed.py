@@ -33,29 +33,41 @@ class OrderedKeys(App[None]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._typed: deque[events.Key | events.Paste] = deque()
+        self._typed: deque[events.Event] = deque()
         self._at: MessagePump | None = None
         self._at_since_s = 0.0
         self._answered = False
+        self.keys_wait = False
+        """Whether what is typed or clicked waits, as what it is for is not there yet; `take_keys` ends it."""
         self.typed_s = -math.inf
         """When the last key came, on the monotonic clock."""
 
     async def on_event(self, event: events.Event) -> None:
         """Take a key into the queue; whatever else comes is dealt with at once."""
-        if not isinstance(event, events.Key | events.Paste) or event.is_forwarded:
+        if isinstance(event, events.MouseEvent) and self.keys_wait:
+            self._typed.append(event)
+        elif not isinstance(event, events.Key | events.Paste) or event.is_forwarded:
             await super().on_event(event)
         elif isinstance(event, events.Key) and event.key in self.AT_ONCE:
             self._typed.clear()
-            await super().on_event(event)
+            if self.keys_wait:
+                self._typed.append(event)
+            else:
+                await super().on_event(event)
         else:
             self.typed_s = time.monotonic()
             self._typed.extend(_taken_apart(event))
             await self._next()
 
+    def take_keys(self) -> None:
+        """What they are for is there."""
+        self.keys_wait = False
+        self.call_later(self._next)
+
     async def _next(self) -> None:
         if self._at is not None and time.monotonic() - self._at_since_s > LOST_S and not self._at.is_attached:
             self._at = None
-        if self._at is not None or not self._typed:
+        if self._at is not None or not self._typed or self.keys_wait:
             return
         event = self._typed.popleft()
         self._at, self._at_since_s = self.focused or self.screen, time.monotonic()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from rigctl.core.arrays import FloatArray
+if TYPE_CHECKING:
+    from rigctl.core.arrays import FloatArray
 
 Scale = Literal["linear", "log", "symlog"]
 

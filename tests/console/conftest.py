@@ -69,7 +69,9 @@ def at_console(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[...,
         async def sit() -> None:
             app = Console(place)
             async with app.run_test(size=size) as pilot:
-                await sitting(Seat(app, pilot))
+                seat = Seat(app, pilot)
+                await seat.until(lambda: not app.keys_wait)
+                await sitting(seat)
 
         asyncio.run(sit())
 

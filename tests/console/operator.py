@@ -2,7 +2,8 @@
 
 Every shipped campaign is started, watched and looked at, then the loops of the workbench are gone through, and one is
 stalled, killed, stopped and answered. In every step the screen is held to what the store says: how many runs there
-are, what the model is, what is asked. Prints a line for each; exit status 1 when the screen said otherwise.
+are, what the model is, what is asked, what went wrong. Prints a line for each; exit status 1 when the screen said
+otherwise.
 
     python -m tests.console.operator [CAMPAIGN ...]
 """
@@ -11,24 +12,19 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import pyte
-
 from rigctl.campaign.session.requests import is_running
-from rigctl.campaign.status import status_of
-from rigctl.core.errors import RigError
-from tests.console.terminal import Terminal
+from tests.console import operator_faults
+from tests.console.at_the_keys import STARTED_BY_KEYS, Operator, Wrong, process_of, status_in
 
 CAMPAIGNS_AT = Path(__file__).parents[2] / "campaigns"
 SHIPPED = (
@@ -43,71 +39,10 @@ SHIPPED = (
     "isa-flight-model",
 )
 SIZES = ((80, 24), (120, 40), (200, 60))
-KEY_S = 0.02
 LATE_S = 4.0
 """The screen may be so much behind the store: it looks four times a second, and computers are busy."""
 
 LONG_S = 900.0
-STARTED_BY_KEYS = ("2", "s", "\t", "\t", "\t", "\t", " ", "\r")
-_COUNT = re.compile(r"(RUNNING|PAUSED|DONE|ABORTED|INTERRUPTED|STALLED) (\d+)/(\d+)")
-
-
-class Wrong(Exception):
-    """The screen said something else than the store."""
-
-
-class Operator:
-    """Somebody at a console whose screen is drawn by a terminal emulator."""
-
-    def __init__(self, directory: Path, *arguments: object, size: tuple[int, int] = (80, 24)) -> None:
-        self._screen = pyte.Screen(*size)
-        self._stream = pyte.ByteStream(self._screen)
-        self._drawing = threading.Lock()
-        self._terminal = Terminal(directory, *arguments, columns=size[0], rows=size[1])
-        self._terminal.feed = self._feed
-
-    @property
-    def text(self) -> str:
-        """What is on the screen now."""
-        with self._drawing:
-            return "\n".join(line.rstrip() for line in self._screen.display)
-
-    def type(self, *keys: str) -> None:
-        """Keys, fifty a second, whatever the screen shows."""
-        for key in keys:
-            self._terminal.type(key)
-            time.sleep(KEY_S)  # the pace is what is tried
-
-    def until(self, condition: Callable[[], object], what: str, within_s: float = 90.0) -> None:
-        """Wait until something is so."""
-        deadline = time.monotonic() + within_s
-        while not condition():
-            if time.monotonic() > deadline:
-                raise Wrong(f"{what}: it did not happen within {within_s:g} s\n{self.text}")
-            time.sleep(0.1)
-
-    def sees(self, *words: str, within_s: float = 90.0) -> None:
-        """Wait until all of these are on the screen."""
-        self.until(lambda: all(word in self.text for word in words), f"{words}", within_s)
-
-    def count(self) -> tuple[str, int, int] | None:
-        """The state and the runs in the top line; None while it shows none."""
-        found = _COUNT.search(self.text.partition("\n")[0])
-        return None if found is None else (found[1], int(found[2]), int(found[3]))
-
-    def leaves(self) -> None:
-        """Quit, which must be in order."""
-        self.type("q")
-        if (status := self._terminal.ends()) != 0:
-            raise Wrong(f"the console ended with {status}\n{self.text}")
-
-    def close(self) -> None:
-        """Whatever is left."""
-        self._terminal.close()
-
-    def _feed(self, data: bytes) -> None:
-        with self._drawing:
-            self._stream.feed(data)
 
 
 def watched(operator: Operator, store: Path) -> None:
@@ -115,11 +50,11 @@ def watched(operator: Operator, store: Path) -> None:
     history: list[tuple[float, int]] = []
     deadline = time.monotonic() + LONG_S
     while True:
-        status = _status(store)
+        status = status_in(store)
         now_s, done = time.monotonic(), int(status.get("runs_done", 0))
         history.append((now_s, done))
         shown = operator.count()
-        latest = int(_status(store).get("runs_done", 0))
+        latest = int(status_in(store).get("runs_done", 0))
         before = [count for at_s, count in history if at_s < now_s - LATE_S]
         if shown is not None and before and not before[-1] <= shown[1] <= latest:
             raise Wrong(f"{shown} on the screen, {before[-1]} to {latest} in the store\n{operator.text}")
@@ -156,7 +91,7 @@ def campaign_by_keys(directory: Path, name: str, size: tuple[int, int]) -> str:
         operator.leaves()
     finally:
         operator.close()
-    return f"{_status(store)['runs_done']} runs; {sentence or 'nothing to compare'}"
+    return f"{status_in(store)['runs_done']} runs; {sentence or 'nothing to compare'}"
 
 
 def loop_of_the_workbench(directory: Path, name: str) -> str:
@@ -197,7 +132,7 @@ def faults(directory: Path) -> str:
         operator.sees("WAITS FOR YOU", "Mount the package")
         operator.type("\x1b")
         operator.sees("OPERATOR: Mount the package")
-        process = _process_of(store)
+        process = process_of(store)
         os.kill(process, signal.SIGSTOP)
         operator.sees("STALLED: no sign of life", within_s=20.0)
         os.kill(process, signal.SIGCONT)
@@ -215,13 +150,6 @@ def faults(directory: Path) -> str:
     finally:
         operator.close()
     return "asked, stalled, killed, resumed, stopped: each on the screen"
-
-
-def _status(store: Path) -> dict[str, Any]:
-    try:
-        return status_of(store)
-    except RigError:  # it is being made
-        return {}
 
 
 def _json(directory: Path, *arguments: object) -> Any:
@@ -243,23 +171,6 @@ def _effects(directory: Path, store: Path) -> list[str]:
     return list(shown["effects"]) if shown else []
 
 
-def _process_of(store: Path) -> int:
-    """Of the campaign that runs in a store."""
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                words = (entry / "cmdline").read_bytes().split(b"\0")
-            except OSError:
-                continue
-            if (
-                b"run" in words
-                and b"--store" in words
-                and Path(os.fsdecode(words[words.index(b"--store") + 1])).name == store.name
-            ):
-                return int(entry.name)
-    raise Wrong(f"no process runs {store}")
-
-
 def main(names: Sequence[str]) -> int:
     """All of it, or these campaigns alone."""
     wrong = 0
@@ -274,6 +185,8 @@ def main(names: Sequence[str]) -> int:
                 ("workbench of hidden-effect", lambda: loop_of_the_workbench(Path(scratch), "hidden-effect"))
             )
             at_once.append(("faults", lambda: faults(_fresh(Path(scratch)))))
+            for label, step in operator_faults.STEPS.items():
+                at_once.append((label, lambda step=step: step(_fresh(Path(scratch)))))  # type: ignore[misc]
         for label, step in at_once:
             began_s = time.monotonic()
             try:

@@ -7,6 +7,7 @@ import pty
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ import pytest
 
 from rigctl.campaign.session.questions import Question
 from rigctl.console import messages as say
+from rigctl.console.campaigns import last_line, log_of
 from rigctl.console.start import watch_terminal
 from rigctl.console.store_view import StoreView
-from rigctl.core.making_safe import TERMINAL_LOST, Rest, ended_by_signals
+from rigctl.core.making_safe import STOP_SIGNAL, TERMINAL_LOST, Rest, ended_by_signals
 
 WITHIN_S = 0.1
 HANGS = (
@@ -187,3 +189,42 @@ def test_a_question_is_new_in_another_store_whatever_its_number(desk: Any, at_co
 def seen(path: Path, question: Question) -> StoreView:
     status = {"state": "running", "step": "", "runs_done": 0, "runs_planned": 6, "runs_invalid": 0, "eta_s": None}
     return StoreView(path, status, True, (), (), {}, question)
+
+
+def test_a_stop_before_the_store_has_been_read_is_of_the_campaign_that_is_seen_then(
+    measured: Path, at_console: Any
+) -> None:
+    async def sitting(seat: Any) -> None:
+        stopped = []
+        seat.app.action_stop = lambda stop=seat.app.action_stop: stopped.append(seat.app._view) or stop()
+        seat.app._watch(measured)
+        await seat.press("f8")
+        await seat.until(lambda: seat.app._view)
+        await seat.until(lambda: len(stopped) == 2)
+        assert stopped[0] is None
+        assert stopped[1].path == measured
+
+    at_console(sitting)
+
+
+def test_a_stop_reaches_a_killed_campaign_that_is_being_resumed(measured: Path, at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        view, signals = seat.app._view, []
+        # Its new process has been started, and its store does not know of it yet.
+        seat.app._view = replace(view, status={**view.status, "state": "interrupted", "killed": True}, alive=False)
+        seat.app._campaigns.signal = lambda store, number: signals.append((store, number)) is None
+        await seat.press("f8")
+        assert signals == [(measured, STOP_SIGNAL)]
+
+    at_console(sitting, measured)
+
+
+def test_the_last_line_of_a_campaign_is_its_own(tmp_path: Path) -> None:
+    store = tmp_path / "s.rig.sqlite"
+    log_of(store).write_text("the one before: its disk was full\n")
+    begun = log_of(store).stat().st_size
+    assert last_line(store, begun) == ""
+    with log_of(store).open("a") as log:
+        log.write("Séance: stopped\n")
+    assert last_line(store, begun) == "Séance: stopped"

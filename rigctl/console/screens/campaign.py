@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,7 +14,6 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widget import Widget
 from textual.widgets import Input, Static, Tree
 
-from rigctl.campaign.recording import RunRecord
 from rigctl.console.entries import Entry, Listing
 from rigctl.console.marking import ask_why
 from rigctl.console.messages import DryRunAsked, Launch, Noted, RequestAsked, RunAsked, StartAsked
@@ -25,6 +25,7 @@ from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import Picture
 
 if TYPE_CHECKING:
+    from rigctl.campaign.recording import RunRecord
     from rigctl.console.form import CampaignForm
     from rigctl.console.vitals import Vitals
 
@@ -136,6 +137,12 @@ class CampaignPane(Vertical):
     def file(self) -> Path | None:
         """The campaign file that is open."""
         return self._file.form.path if self._file.form else None
+
+    @property
+    def unsaved(self) -> str:
+        """What would be lost if the file were closed; "" when nothing would."""
+        form = self._file.form
+        return "" if form is None or not form.edited else f"The changes in the form of {form.path} are not saved"
 
     def compose(self) -> ComposeResult:
         """Three pages."""
@@ -252,7 +259,7 @@ class CampaignPane(Vertical):
             return
 
         def write(name: str) -> None:
-            path = Path(name)
+            path = Path(name.strip())
             try:
                 form.save(path)
             except OSError as error:
@@ -261,8 +268,12 @@ class CampaignPane(Vertical):
             self.post_message(Noted(f"saved {path}"))
             self._file.judge()
 
-        TextDialog("Save the campaign", "file", str(form.path), _no_toml_name).ask(self.app, write)
+        TextDialog("Save the campaign", "file", str(form.path), partial(_no_name, form.path)).ask(self.app, write)
 
 
-def _no_toml_name(name: str) -> str:
-    return "" if name.strip().endswith(".toml") else "a campaign file's name ends in .toml"
+def _no_name(own: Path, name: str) -> str:
+    """Why a campaign is not saved under a name: only its `own` file is written over."""
+    path = Path(name.strip())
+    if path.suffix != ".toml":
+        return "a campaign file's name ends in .toml"
+    return f"{path} exists; give another name" if path != own and path.exists() else ""

@@ -13,7 +13,6 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import ProgressBar, Static, Tree
 from textual.widgets.tree import TreeNode
 
-from rigctl.campaign.recording import RunRecord
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.pages import Page
 from rigctl.console.widgets.plot import Plot
@@ -22,6 +21,7 @@ from rigctl.report.quantities import age
 from rigctl.report.time_left import time_left
 
 if TYPE_CHECKING:
+    from rigctl.campaign.recording import RunRecord
     from rigctl.console.vitals import Vitals
 
 STEPS_S = 1.0

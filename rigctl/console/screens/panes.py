@@ -9,6 +9,7 @@ from rigctl.console.screens.log import LogPane
 from rigctl.console.screens.results import ResultsPane
 from rigctl.console.screens.rig import RigPane
 from rigctl.console.screens.workbench import WorkbenchPane
+from rigctl.console.state import ConsoleState
 
 
 @dataclass(frozen=True)
@@ -20,3 +21,8 @@ class Panes:
     results: ResultsPane
     workbench: WorkbenchPane
     log: LogPane
+
+
+def panes_as_left(kept: ConsoleState) -> Panes:
+    """As the operator left them."""
+    return Panes(RigPane(kept.jog_step), CampaignPane(), ResultsPane(), WorkbenchPane(kept.covariate), LogPane())

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Grid
 from textual.widgets import Static
 
-from rigctl.analysis.density import amplitude_density, median_density
-from rigctl.campaign.recording import ChannelInfo
 from rigctl.console.readings import Strip, gain_of, toml_of
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.plot import Plot
-from rigctl.core.arrays import FloatArray
 from rigctl.report.picture import Line, Picture
+
+if TYPE_CHECKING:  # numpy comes with the first numbers there are
+    from rigctl.campaign.recording import ChannelInfo
+    from rigctl.core.arrays import FloatArray
 
 CHARTS = ("accelerometer", "lasers", "stage", "angle")
 OF_KIND = {"accelerometer": "accelerometer", "displacement": "lasers", "position": "stage", "angle": "angle"}
@@ -52,6 +53,8 @@ class Charts(Grid):
         self._chart("angle", "deg", [_line(strips.get("angle"))])
         voltage = strips.get("voltage")
         if voltage is not None and len(voltage.values) > 32:
+            from rigctl.analysis.density import amplitude_density
+
             span_s = float(voltage.ago_s[-1] - voltage.ago_s[0])
             # In volts: without a campaign nobody has said which sensor this is, nor what is required.
             self._show_spectrum(
@@ -77,6 +80,8 @@ class Charts(Grid):
             self._chart(chart, unit, lines, x_label, title)
         turns = [run for run in view.runs[-200:] if "theta_deg" in run.conditions]
         if turns:
+            import numpy as np
+
             angles = np.array([float(run.conditions["theta_deg"]) for run in turns])
             # Only the last runs are drawn: numbered so that the latest has the number of them all.
             numbers = np.arange(len(view.runs) - len(turns) + 1, len(view.runs) + 1, dtype=float)
@@ -88,6 +93,8 @@ class Charts(Grid):
         values, t_s = view.samples.get(sensors[0] if sensors else ""), view.samples.get("t_s")
         if values is None or t_s is None or len(values) < 64 or not view.runs:
             return
+        from rigctl.analysis.density import amplitude_density
+
         unit = view.channels[sensors[0]].unit
         gain = gain_of(view)
         target = toml_of(view.campaign_toml).get("targets", {}).get("noise_m_s2_rthz")
@@ -104,6 +111,8 @@ class Charts(Grid):
     def _show_spectrum(
         self, frequency_hz: FloatArray, density: FloatArray, gain: float, unit: str, target: float | None
     ) -> None:
+        from rigctl.analysis.density import median_density
+
         heights = density / gain
         levels = ((target, "required"),) if target else ()
         shown = [*heights[heights > 0.0].tolist(), *(level for level, _ in levels)]

@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 from textual.app import ComposeResult
@@ -29,6 +28,7 @@ from rigctl.report.terminal_workbench import runs_table
 from rigctl.report.verdicts import named, sizes, verdict_sentence
 
 if TYPE_CHECKING:
+    from rigctl.core.arrays import FloatArray
     from rigctl.report.recorded_run import RecordedRun  # with what draws it, which the first paint does not wait for
 
 Document = Mapping[str, Any]
@@ -135,7 +135,7 @@ class WorkbenchPane(Vertical):
         self.query_one("#residual-line", Static).update(Text(residuals["sentence"]))
         lines = []
         for place, (name, points) in enumerate(list(residuals["series"].items())[:MAX_SERIES]):
-            x, y = (np.array([point[i] for point in points]) for i in (0, 1))
+            x, y = _columns(points)
             labels = tuple(str(point[2]) for point in points)
             lines.append(Line(x, y, name, MARKS[place], place, labels=labels))
         levels = ((-3.0, "-3σ"), (0.0, "0"), (3.0, "+3σ"))
@@ -184,7 +184,7 @@ class WorkbenchPane(Vertical):
         for place, (key, name) in enumerate((("error_fit", "fitted"), ("error_held_out", "held out"))):
             known = [(float(rung["version"]), float(rung[key])) for rung in rungs if rung[key]]
             if known:
-                x, y = (np.array([point[i] for point in known]) for i in (0, 1))
+                x, y = _columns(known)
                 # A line and its marks; the legend needs the name once.
                 labels = tuple(f"version {round(version)}" for version in x)
                 lines += [Line(x, y, "", "", place), Line(x, y, name, MARKS[place], place, labels=labels)]
@@ -314,3 +314,10 @@ class WorkbenchPane(Vertical):
         """Ask what; under which name is asked then."""
         kinds = [(kind, KINDS[kind].explanation) for kind in OF_THE_WORKBENCH]
         PickDialog("Write what?", kinds).ask(self.app, lambda kind: self.post_message(WriteAsked(kind)))
+
+
+def _columns(points: Sequence[Sequence[Any]]) -> tuple[FloatArray, FloatArray]:
+    """x and y of points."""
+    import numpy as np  # with the first numbers there are
+
+    return np.array([point[0] for point in points]), np.array([point[1] for point in points])

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
+from rich.style import Style
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Horizontal
 from textual.events import Click
 from textual.reactive import reactive
+from textual.screen import Screen
+from textual.widget import Widget
 from textual.widgets import Static
 
 SCREENS = {"rig": "Rig", "campaign": "Campaign", "results": "Results", "workbench": "Workbench", "log": "Log"}
@@ -143,3 +147,49 @@ class Telling(Static):
         self._text = text
         self.set_class(bool(text.plain), "shown")
         self.update(text)
+
+
+class KeyBar(Widget):
+    """One line: the keys that do something where the focus is; a click on one is as good as pressing it.
+
+    Textual's own footer has a widget for each key, made anew whenever the focus changes.
+    """
+
+    DEFAULT_CSS = """
+    KeyBar { height: 1; dock: bottom; background: $footer-background; }
+    KeyBar > .key-bar--key { color: $footer-key-foreground; background: $footer-background; text-style: bold; }
+    """
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"key-bar--key"}
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._keys: list[tuple[str, str, str]] = []
+
+    def on_mount(self) -> None:
+        """Hear of keys that come and go."""
+        self.screen.bindings_updated_signal.subscribe(self, self._look)
+
+    def _look(self, screen: Screen[Any]) -> None:
+        if screen is not self.screen:  # a dialog's
+            return
+        shown = [binding for _, binding, _, _ in screen.active_bindings.values() if binding.show]
+        # Of several keys for one action the first.
+        first = {binding.action: binding for binding in reversed(shown)}
+        keys = [(each.key, self.app.get_key_display(each), each.description) for each in reversed(first.values())]
+        if keys != self._keys:
+            self._keys = keys
+            self.refresh()
+
+    def render(self) -> Text:
+        """Each key and what it does."""
+        style = self.get_component_rich_style("key-bar--key")
+        line = Text(no_wrap=True, overflow="ellipsis")
+        for key, shown, description in self._keys:
+            press = Style(meta={"key": key})
+            line.append(shown, style + press).append(f" {description}", press).append(" ")
+        return line
+
+    def on_click(self, event: Click) -> None:
+        """Press the key that was clicked."""
+        if key := event.style.meta.get("key"):
+            self.app.simulate_key(key)

@@ -10,26 +10,12 @@ import numpy as np
 from rich.style import Style
 
 from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned, within
+from rigctl.console.widgets.ink import BOLD, DARK, DIM, LABEL_WIDTH, PLAIN, REVERSED, Palette, Row, empty, label_of
 from rigctl.console.widgets.ticks import LONGEST, Tick, on_scale, ticks_of
 from rigctl.console.widgets.window import Point, Range, Window
 from rigctl.core.arrays import FloatArray
 from rigctl.report.picture import Line, Picture, Scale
 
-ON_DARK = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
-ON_LIGHT = ("#0072b2", "#b35900", "#00795a", "#a0527d", "#d55e00", "#2a7fb0")
-"""Okabe and Ito's palette, darker on white: each series also has a mark or a name of its own."""
-
-AT_NIGHT = ("#e07800", "#a05000", "#ff9838", "#804000", "#c86400", "#ffb870")
-
-DARK, LIGHT, NIGHT = (tuple(Style(color=colour) for colour in colours) for colours in (ON_DARK, ON_LIGHT, AT_NIGHT))
-PLAIN, BOLD, DIM, REVERSED = Style(), Style(bold=True), Style(dim=True), Style(reverse=True)
-
-Row = tuple[tuple[str, Style], ...]
-"""Pieces of text from left to right."""
-
-Palette = tuple[Style, ...]
-
-_LABEL_WIDTH = 8
 # Rows from one tick to the next, and columns, labels between them.
 _ROWS_PER_TICK, _COLUMNS_PER_TICK = 3, 14
 _FLAT = 1e-3
@@ -48,6 +34,11 @@ class Area:
     y_scale: Scale = "linear"
     counted: bool = False
     """Whether only whole numbers mean something on the level axis: runs, versions."""
+
+    @property
+    def seen(self) -> Window:
+        """What the axes range over."""
+        return Window(self.x, self.y)
 
     @property
     def rows(self) -> dict[int, str]:
@@ -132,7 +123,7 @@ def laid_out(
     lines = _known(picture.lines)
     heading = _cut_heading(picture, lines, width, height, palette)
     has_axis = bool(picture.x_label or picture.x_range)
-    rows, columns = height - len(heading) - has_axis, width - _LABEL_WIDTH - 1
+    rows, columns = height - len(heading) - has_axis, width - LABEL_WIDTH - 1
     if rows < 1 or columns < 4 or not lines:
         return None
     if window is None:
@@ -143,7 +134,7 @@ def laid_out(
     area = Area(columns, rows, across, upright, picture.x_scale, picture.y_scale, _counted(picture.x_scale, lines))
     labels = area.rows
     # Digits that tell a quiet voltmeter's ticks apart need room: a label is never cut.
-    margin = max(_LABEL_WIDTH, *map(len, labels.values()), 0)
+    margin = max(LABEL_WIDTH, *map(len, labels.values()), 0)
     area = replace(area, width=width - margin - 1)
     return Layout(heading, area, margin, lines, picture, labels, has_axis) if area.width > 0 else None
 
@@ -161,7 +152,7 @@ def drawn(
         return []
     laid = laid_out(picture, width, height, palette, window)
     if laid is None:
-        return _undrawn(picture, width, height, palette)
+        return _undrawn(picture, width, height)
     area, margin = laid.area, laid.margin
     sheet = _Sheet(area, palette)
     _draw_grid(sheet, laid.labels)
@@ -184,14 +175,12 @@ def drawn(
     return [*laid.heading, *plotted, *axis]
 
 
-def _undrawn(picture: Picture, width: int, height: int, palette: Palette) -> list[Row]:
+def _undrawn(picture: Picture, width: int, height: int) -> list[Row]:
     """What stands there instead: why there is nothing to see, or where there is no room the title."""
     lines = _known(on_its_scales(picture).lines)
     if lines:
         return [((picture.title[:width], PLAIN),), *[()] * (height - 1)]
-    heading = _cut_heading(picture, lines, width, height, palette)
-    text = f"{'':{_LABEL_WIDTH}} {picture.empty}"[:width]
-    return [*heading, ((text, DIM),), *[()] * (height - len(heading) - 1)]
+    return empty(picture, width, height)
 
 
 def _known(lines: Sequence[Line]) -> list[Line]:
@@ -206,17 +195,6 @@ def _cut_heading(picture: Picture, lines: Sequence[Line], width: int, height: in
 def _counted(scale: Scale, lines: Sequence[Line]) -> bool:
     marked = [line.x for line in lines if line.mark]
     return scale == "linear" and bool(marked) and all(np.array_equal(x, np.round(x), equal_nan=True) for x in marked)
-
-
-def has_point(picture: Picture, point: Point) -> bool:
-    """Whether a point of another picture can be one of this."""
-    return point.line < len(picture.lines) and point.place < len(picture.lines[point.line].x)
-
-
-def label_of(picture: Picture, point: Point) -> str:
-    """What a point is; "" where its line does not say."""
-    labels = picture.lines[point.line].labels
-    return labels[point.place] if labels else ""
 
 
 def _heading(picture: Picture, lines: Sequence[Line], width: int, palette: Palette) -> list[Row]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.segment import Segment
 from rich.style import Style
@@ -15,22 +15,12 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from rigctl.console import themes
-from rigctl.console.widgets.drawing import (
-    DARK,
-    LIGHT,
-    NIGHT,
-    REVERSED,
-    Area,
-    Palette,
-    Row,
-    drawn,
-    has_point,
-    label_of,
-    laid_out,
-    on_its_scales,
-)
-from rigctl.console.widgets.window import ENDS, Point, Points, Step, Window
+from rigctl.console.widgets.ink import DARK, LIGHT, NIGHT, REVERSED, Palette, Row, empty, has_point, label_of
 from rigctl.report.picture import Picture
+
+if TYPE_CHECKING:  # with numpy, which comes with the first numbers there are
+    from rigctl.console.widgets.drawing import Area, Layout
+    from rigctl.console.widgets.window import Point, Points, Step, Window
 
 ZOOM, PAN = 0.5, 0.25
 """What is left of a range after zooming in, and the share of it that is moved at once."""
@@ -111,11 +101,16 @@ class Plot(Widget, can_focus=True):
         return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)
 
     def _draw(self) -> list[Row]:
-        rows = drawn(self.picture, *self.size, self._palette, self.window, self.cursor)
+        rows = self._drawn() if self.picture.lines else empty(self.picture, *self.size)
         if self.has_focus and rows and rows[0]:
             (title, ink), *legend = rows[0]
             rows[0] = ((title, ink + REVERSED), *legend)
         return rows
+
+    def _drawn(self) -> list[Row]:
+        from rigctl.console.widgets.drawing import drawn
+
+        return drawn(self.picture, *self.size, self._palette, self.window, self.cursor)
 
     # What the operator looks at
 
@@ -124,8 +119,10 @@ class Plot(Widget, can_focus=True):
         area = self._area
         if area is None:
             return
-        points = Points(on_its_scales(self.picture).lines)
-        seen = Window(area.x, area.y)
+        from rigctl.console.widgets.window import ENDS
+
+        points = self._points
+        seen = area.seen
         begun, self.cursor = self.cursor, self.cursor or points.nearest(seen, *seen.middle)
         # The first step only shows it, unless it goes to an end.
         if self.cursor is not None and (begun is not None or step in ENDS):
@@ -135,13 +132,13 @@ class Plot(Widget, can_focus=True):
     def action_zoom(self, by: float) -> None:
         """Closer to the cursor, or to the middle of what is seen."""
         if (area := self._area) is not None:
-            seen = Window(area.x, area.y)
+            seen = area.seen
             self._look(seen.zoomed(by, self._at_cursor() or seen.middle))
 
     def action_pan(self, across: float, up: float) -> None:
         """What is beside."""
         if (area := self._area) is not None:
-            self._look(Window(area.x, area.y).moved(across, up))
+            self._look(area.seen.moved(across, up))
 
     def action_whole(self) -> None:
         """All there is, without a cursor."""
@@ -177,8 +174,8 @@ class Plot(Widget, can_focus=True):
         if (at := self._at_mouse(event.x, event.y)) is None:
             return
         area, x, y = at
-        seen = Window(area.x, area.y)
-        self.cursor = Points(on_its_scales(self.picture).lines).nearest(seen, x, y)
+        seen = area.seen
+        self.cursor = self._points.nearest(seen, x, y)
         self._follow_cursor(seen)
         if event.chain > 1:
             self.action_choose()
@@ -195,11 +192,10 @@ class Plot(Widget, can_focus=True):
         if (at := self._at_mouse(event.x, event.y)) is not None:
             event.stop()
             area, x, y = at
-            self._look(Window(area.x, area.y).zoomed(by, (x, y)))
+            self._look(area.seen.zoomed(by, (x, y)))
 
     def _at_mouse(self, column: int, row: int) -> tuple[Area, float, float] | None:
-        laid = laid_out(self.picture, *self.size, self._palette, self.window)
-        if laid is None:
+        if (laid := self._laid_out) is None:
             return None
         area = laid.area
         across, up = column - laid.margin - 1, area.height - 1 - (row - len(laid.heading))
@@ -211,7 +207,7 @@ class Plot(Widget, can_focus=True):
     def _at_cursor(self) -> tuple[float, float] | None:
         if self.cursor is None:
             return None
-        line = on_its_scales(self.picture).lines[self.cursor.line]
+        line = self._points.lines[self.cursor.line]
         return float(line.x[self.cursor.place]), float(line.y[self.cursor.place])
 
     def _follow_cursor(self, seen: Window) -> None:
@@ -225,8 +221,23 @@ class Plot(Widget, can_focus=True):
 
     @property
     def _area(self) -> Area | None:
-        laid = laid_out(self.picture, *self.size, self._palette, self.window)
+        laid = self._laid_out
         return None if laid is None else laid.area
+
+    @property
+    def _laid_out(self) -> Layout | None:
+        if not self.picture.lines:
+            return None
+        from rigctl.console.widgets.drawing import laid_out
+
+        return laid_out(self.picture, *self.size, self._palette, self.window)
+
+    @property
+    def _points(self) -> Points:
+        from rigctl.console.widgets.drawing import on_its_scales
+        from rigctl.console.widgets.window import Points
+
+        return Points(on_its_scales(self.picture).lines)
 
     @property
     def _looks(self) -> tuple[object, ...]:

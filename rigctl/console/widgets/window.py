@@ -57,6 +57,7 @@ class Points:
     """The points that a cursor visits: those that have marks, else those of the joined lines."""
 
     def __init__(self, lines: Sequence[Line]) -> None:
+        self.lines = lines
         marked = [number for number, line in enumerate(lines) if line.mark]
         self._joined = not marked
         visited = marked or range(len(lines))
