@@ -48,9 +48,8 @@ def test_installed_campaigns_are_found_where_the_wheel_has_them(wheel: zipfile.Z
 def test_what_modules_import_comes_with_the_wheel(wheel: zipfile.ZipFile) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    named = {
-        name.lower() for name in (*project["dependencies"], *extras["cluster"], *extras["notebook"], *extras["sign"])
-    }
+    wanted = (*project["dependencies"], *extras["cluster"], *extras["notebook"], *extras["sign"], *extras["files"])
+    named = {re.split(r"[<>=!~\[ ]", name)[0].lower() for name in wanted}
     installed = {MODULES.get(name, name) for name in named}
     for name in wheel.namelist():
         if name.endswith(".py"):

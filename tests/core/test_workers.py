@@ -20,11 +20,14 @@ from rigctl.core.workers import Workers, in_order, outcomes_of
 from tests.core import work
 
 ASLEEP = """\
+import signal
 import sys
 from pathlib import Path
 from rigctl.core.workers import Workers, outcomes_of
 from tests.core import work
 if __name__ == "__main__":
+    # Ignored from the start where whoever runs the tests has put them in the background.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with outcomes_of(work.asleep, [Path(sys.argv[1])] * 2, Workers(2)) as outcomes:
         list(outcomes)
 """

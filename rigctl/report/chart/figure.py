@@ -196,7 +196,7 @@ def _ticks_of_x(axes: Axes, wide: float) -> tuple[Ticks, bool]:
     if scale.chosen is not None:
         upright = sum(width(label, SMALL) + 4.0 for label in ticks.labels) > wide
         fits = max(1, int(wide / (_LINE * SMALL)))
-        apart = -(-len(ticks.places) // fits)
+        apart = max(1, -(-len(ticks.places) // fits))
         return Ticks(ticks.places[::apart], ticks.labels[::apart]), upright
     while most > 1 and len(ticks.labels) * (max(width(label, SMALL) for label in ticks.labels) + 5.0) > wide:
         most -= 1

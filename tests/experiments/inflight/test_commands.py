@@ -101,4 +101,4 @@ def test_a_study_of_draws_has_tables(store, tmp_path):
     for figure in ("table2.svg", "table3.svg"):
         drawn = (tmp_path / "figures" / figure).read_text(encoding="utf-8")
         assert "ac11_dx_m" not in drawn
-        assert r"Delta_x" in drawn
+        assert "Δx" in drawn
