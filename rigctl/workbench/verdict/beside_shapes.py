@@ -40,9 +40,9 @@ def significant_beside_shape(attempt: Attempt, alpha: float) -> set[str]:
     }
 
 
-def needless_beside_shapes(attempt: Attempt, scored: Scored, with_it: Attempt, alpha: float) -> bool:
+def needless_beside_shapes(attempt: Attempt, scored: Scored, with_it: Attempt, alpha: float, seed: int) -> bool:
     """Whether a candidate is not significant beside the plain shapes that are left `with_it` in the model."""
-    shapes = _shapes_left(with_it, alpha)
+    shapes = _shapes_left(with_it, alpha, seed)
     if not shapes:
         return False
     columns = np.hstack([attempt.whitened_columns(shape.columns) for shape in shapes])
@@ -50,15 +50,15 @@ def needless_beside_shapes(attempt: Attempt, scored: Scored, with_it: Attempt, a
     return attempt.corrected(beside.p_value, scored.candidate.term.effect) >= CATALOGUE_SHARE * alpha
 
 
-def _shapes_left(attempt: Attempt, alpha: float) -> list[Best]:
+def _shapes_left(attempt: Attempt, alpha: float, seed: int) -> list[Best]:
     """Plain shapes that are significant one after another, the strongest first."""
     shapes: list[Best] = []
     shape = attempt.best_shape
+    rng = np.random.default_rng([seed, 4])
     columns = np.zeros((len(attempt.left), 0))
     while shape is not None and shape.p_value_corrected < SHAPES_SHARE * alpha and len(shapes) < MOST_SHAPES:
         shapes.append(shape)
         columns = np.hstack([columns, attempt.whitened_columns(shape.columns)])
-        # Those found before are fitted along: the next one is of what they leave. They change how many trials there
-        # are by less than draws would tell.
-        shape = attempt.generic.best(attempt.noise, attempt.projector_with(columns), shape.n_eff)
+        # Those found before are fitted along: the next one is of what they leave.
+        shape = attempt.generic.best(attempt.noise, attempt.projector_with(columns), rng)
     return shapes

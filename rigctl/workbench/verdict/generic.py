@@ -112,17 +112,22 @@ class Generic:
             blocks.append(columns)
         return np.hstack(blocks)
 
-    def best(self, noise: Noise, projector: Projector, trials: float | np.random.Generator) -> Best | None:
-        """The strongest shape in the residuals, corrected for so many `trials`, or for those that are drawn with it.
-
-        None where all shapes are absorbed.
-        """
-        count = _Drawn(projector, trials) if isinstance(trials, np.random.Generator) else _Known(trials)
+    def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
+        """The strongest shape in the residuals; None where all shapes are absorbed."""
+        rows = len(projector.left)
+        sketch = sketch_of(rows) if rows > _FEW_DATA else None
+        drawn = rows if sketch is None else sketch.buckets
+        # Single precision, and fewer draws of long data: the count of trials needs no more.
+        draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn), dtype=np.float32)
+        basis = projector.basis if sketch is None else sketch.of(projector.basis)
+        fitted = draws @ basis.astype(np.float32)
+        smallest = np.ones(len(draws))
         shapes: list[Shape] = []
         scored: list[_Scored] = []
         for part in self._parts():
             of_series = self._scored(part, noise, projector)
-            count.add(of_series)
+            tried = of_series if sketch is None else _sketched(of_series, sketch)
+            smallest = np.minimum(smallest, _smallest(tried, draws, fitted))
             shapes += part[1]
             # Columns of all series together would be many times the data: they are made again for the one that wins.
             scored.append(replace(of_series, columns=_NONE, shadow=_NONE))
@@ -132,7 +137,7 @@ class Generic:
         dimensions = np.concatenate([each.dimension for each in scored])
         dof = np.concatenate([each.dof for each in scored])
         p_values = p_of(statistics, dimensions, dof)
-        n_eff = count.n_eff
+        n_eff = trials_of(smallest)
         top = _strongest(statistics, dimensions, p_values, projector.data)
         p_value = float(p_values[top])
         beside = statistics + np.concatenate([each.constant_statistic for each in scored])
@@ -234,40 +239,6 @@ class _Scored:
     shadow: FloatArray
     pairs: IntArray
     constant_statistic: FloatArray
-
-
-@dataclass(frozen=True)
-class _Known:
-    """So many independent trials, whatever is added."""
-
-    n_eff: float
-
-    def add(self, scored: _Scored) -> None:
-        """Of one series."""
-
-
-class _Drawn:
-    """How many independent trials shapes amount to that are added series by series."""
-
-    def __init__(self, projector: Projector, rng: np.random.Generator) -> None:
-        rows = len(projector.left)
-        self._sketch = sketch_of(rows) if rows > _FEW_DATA else None
-        drawn = rows if self._sketch is None else self._sketch.buckets
-        # Single precision, and fewer draws of long data: the count of trials needs no more.
-        self._draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn), dtype=np.float32)
-        basis = projector.basis if self._sketch is None else self._sketch.of(projector.basis)
-        self._fitted = self._draws @ basis.astype(np.float32)
-        self._smallest = np.ones(len(self._draws))
-
-    def add(self, scored: _Scored) -> None:
-        """Of one series."""
-        tried = scored if self._sketch is None else _sketched(scored, self._sketch)
-        self._smallest = np.minimum(self._smallest, _smallest(tried, self._draws, self._fitted))
-
-    @property
-    def n_eff(self) -> float:
-        """Trials."""
-        return trials_of(self._smallest)
 
 
 def _strongest(statistics: FloatArray, dimensions: IntArray, p_values: FloatArray, data: int) -> int:

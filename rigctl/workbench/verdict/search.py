@@ -317,7 +317,7 @@ class Search:
         with_it = self.attempt(joined(attempt.terms, scored.candidate.term))
         if held_out_ratio(with_it, attempt) >= 1.0:
             return False
-        return not needless_beside_shapes(attempt, scored, with_it, self.alpha)
+        return not needless_beside_shapes(attempt, scored, with_it, self.alpha, self.seed)
 
     def _floated(self, terms: tuple[Term, ...]) -> tuple[tuple[Term, ...], tuple[str, ...]]:
         """The terms without those that are no longer needed beside the last, and what was dropped."""

@@ -105,7 +105,7 @@ def _noise(seed: int, rows: int) -> NDArray[np.float32]:
 
 
 def _stream(seed: int) -> np.random.Generator:
-    """A stream of its own; 2 draws for shapes, 3 for the bootstrap, 5 permutes."""
+    """A stream of its own; 2 draws for shapes, 3 for the bootstrap, 4 for shapes beside others, 5 permutes."""
     return np.random.default_rng([seed, 1])
 
 
