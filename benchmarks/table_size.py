@@ -31,10 +31,11 @@ from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.campaign.recording import READINGS, Header
 from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
+from rigctl.experiments.table import analysis
 from rigctl.workbench.next import recommend
 from rigctl.workbench.verdict import compare, diagnose
 
-IMPORTED = (compare, diagnose, recommend)
+IMPORTED = (compare, diagnose, recommend, analysis)
 """A workbench imports them where it needs them first: what that takes is no work on the table."""
 
 SIZES = ("300x5", "1000x5", "3000x5", "10000x5", "30000x5", "100000x5", "500x50")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from rigctl.workbench.study import Study
@@ -15,6 +16,6 @@ class HasFamilies(Protocol):
         """The family of an effect, by id."""
 
 
-def family_of(study: Study, effect: str) -> str:
-    """The family of an effect; of a study without families all effects are one."""
-    return study.family(effect) if isinstance(study, HasFamilies) else ""
+def families_of(study: Study) -> Callable[[str], str]:
+    """What tells the family of an effect; of a study without families all effects are one."""
+    return study.family if isinstance(study, HasFamilies) else lambda _: ""

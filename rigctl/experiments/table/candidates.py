@@ -22,7 +22,7 @@ from rigctl.experiments.table.model.scanned import Periodic, Scanned
 from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level, Slope
 from rigctl.experiments.table.observe.readings import Column
-from rigctl.experiments.table.spanned import SPANNED, Spanned, some_of, span_of_functions
+from rigctl.experiments.table.spanned import SPANNED, Functions, Spanned, some_of, span_of_functions
 from rigctl.workbench.groups import Groups, ScanChoices
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
@@ -40,23 +40,39 @@ class Derivatives:
     functions a model spans, not on its fit."""
 
     def __init__(self) -> None:
+        self._functions = Functions()
+        self._asked: dict[tuple[Any, ...], tuple[list[FloatArray], list[FloatArray], range]] = {}
         self._made: dict[tuple[Any, ...], tuple[FloatArray, FloatArray]] = {}
         self._numbers = 0
 
     def of(self, form: Form, choice: Choice, spanned: Spanned) -> tuple[FloatArray, FloatArray]:
         """A derivative (n, d) without what the model spans, and its rms (d,)."""
-        parts, trivial = form.parts(choice), form.trivial()
-        left_out = tuple(map(spanned.holds, parts))
-        held = tuple(spanned.holds(each[:, None]) for each in trivial)
-        key = (form.id, *sorted(choice.items()), left_out, held)
+        asked = (form.id, *sorted(choice.items()))
+        parts, trivial, places = self._asked.get(asked) or self._noted(asked, form, choice, spanned)
+        all_held = spanned.held(self._functions, places) if places else tuple(map(spanned.holds, [*parts, *trivial]))
+        left_out, held = all_held[: len(parts)], all_held[len(parts) :]
+        key = (*asked, left_out, held)
         if key in self._made:
             return self._made[key]
         derivative = _beside(parts, left_out, _space_of(trivial, held, spanned.rows))
         made = derivative, _rms(derivative)
-        self._numbers += derivative.size
-        if self._numbers <= _NUMBERS_KEPT:
+        if self._has_room_for([derivative]):
             self._made[key] = made
         return made
+
+    def _noted(
+        self, asked: tuple[Any, ...], form: Form, choice: Choice, spanned: Spanned
+    ) -> tuple[list[FloatArray], list[FloatArray], range]:
+        """The functions of a form, (n, d) and (n, 1), and their places among all; no places where they are too long."""
+        parts, trivial = form.parts(choice), [each[:, None] for each in form.trivial()]
+        if spanned.few is not None or not self._has_room_for(noted := [*parts, *trivial]):
+            return parts, trivial, range(0)
+        self._asked[asked] = parts, trivial, self._functions.add(noted)
+        return self._asked[asked]
+
+    def _has_room_for(self, arrays: Sequence[FloatArray]) -> bool:
+        self._numbers += sum(each.size for each in arrays)
+        return self._numbers <= _NUMBERS_KEPT
 
 
 def candidate_of(
@@ -295,7 +311,7 @@ def _trivial_space(form: Form, spanned: Spanned) -> FloatArray:
 
 
 def _space_of(trivial: Sequence[FloatArray], held: Sequence[bool], rows: int) -> FloatArray:
-    return span_of_functions([each for each, is_held in zip(trivial, held, strict=True) if is_held], rows)
+    return span_of_functions([each.ravel() for each, is_held in zip(trivial, held, strict=True) if is_held], rows)
 
 
 def _explained(functions: FloatArray, spanned: FloatArray, residual: FloatArray) -> float:

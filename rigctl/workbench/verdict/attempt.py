@@ -13,7 +13,7 @@ from scipy import optimize
 from rigctl.analysis.summed_columns import SummedColumns, SummedScan
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.workbench.families import family_of
+from rigctl.workbench.families import families_of
 from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, ScansWithin, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, fit_with_given_noise
@@ -77,6 +77,7 @@ class Attempt(FittedModel):
         noise = None if known is None else known.noise_of(given)
         first = fit_with_given_noise(model, start or {}, noise, held)
         self._questions = Questions(study, model, first.result.values)
+        self.family_of = families_of(study)
         self.generic = ({} if shapes is None else shapes).setdefault(id(given), Generic(given))
         if known is not None and noise is not None:
             self.estimator, last = known.estimator, first
@@ -219,7 +220,7 @@ class Attempt(FittedModel):
         """The effects of each family."""
         families: dict[str, list[str]] = {}
         for effect in self._questions.groups:
-            families.setdefault(family_of(self.study, effect), []).append(effect)
+            families.setdefault(self.family_of(effect), []).append(effect)
         return families
 
     def _sketched_family(self, sketched: SketchedTrials, effects: Sequence[str]) -> Family:
@@ -253,10 +254,14 @@ class Attempt(FittedModel):
         """The smallest p-value of the choices of an effect that is scored, none looked for between them."""
         return self._best_choice(effect).score.p_value
 
+    @cached_property
+    def _scans_between(self) -> ScansBetween | None:
+        return self.study if isinstance(self.study, ScansBetween) else None
+
     def _refined(self, scored: Scored) -> Scored:
         """The choice with the largest statistic between its neighbours in the scan, one name after another."""
-        study, term = self.study, scored.candidate.term
-        if not isinstance(study, ScansBetween) or self.corrected(scored.score.p_value, term.effect) >= REFINED_FROM:
+        study, term = self._scans_between, scored.candidate.term
+        if study is None or self.corrected(scored.score.p_value, term.effect) >= REFINED_FROM:
             return scored
         best = scored
         for name, (low, high) in study.neighbours(term).items():
@@ -326,7 +331,7 @@ class Attempt(FittedModel):
 
     def trials_of(self, effect: str) -> float:
         """For how many independent trials the p-value of an effect is corrected."""
-        return self.trials.of(family_of(self.study, effect))
+        return self.trials.of(self.family_of(effect))
 
     def evidence(self, scored: Scored) -> float:
         """Log evidence: T/2 less the price; ranks candidates of different kinds."""

@@ -17,6 +17,7 @@ from rigctl.workbench.known_inputs import HasKnownInputs, KnownInputs
 from rigctl.workbench.other_minima import HasOtherMinima
 from rigctl.workbench.study import Model
 from rigctl.workbench.verdict.absorbed import absorbed_parameters
+from rigctl.workbench.verdict.first_order import found_at_least
 from rigctl.workbench.verdict.held_out import HeldOut
 from rigctl.workbench.verdict.noise import Noise, orthonormal
 from rigctl.workbench.verdict.propagated import propagated
@@ -120,6 +121,24 @@ class FittedModel:
     def whitened_columns(self, columns: FloatArray) -> FloatArray:
         """Derivatives (n, k) whitened, with rows for the priors, shape (n + priors, k)."""
         return self.padded(self.noise.whiten(columns))
+
+    def p_without(self, effect: str) -> float:
+        """Of the rise of chi-square without an effect and all else fitted anew, at most: no fit is made.
+
+        To first order it rises by the Wald statistic of the amplitudes (Trans. Am. Math. Soc. 54 (1943) 426); what the
+        effect was scanned for is part of all else, and of the dimension.
+        """
+        chosen = {f"{term.effect}.{name}" for term in self.model.terms for name in term.choice}
+        own = [place for place, owner in enumerate(self.model.owners) if owner == effect]
+        sizes = [place for place in own if self.names[place] not in chosen]
+        jacobian = self.jacobian
+        shown = jacobian[:, sizes] @ self.result.values[sizes]
+        rest = orthonormal(np.delete(jacobian, sizes, axis=1), UNDETERMINED)
+        alone = shown - rest @ (rest.T @ shown)
+        wald = float(alone @ alone)
+        basis = alone[:, None] / np.sqrt(max(wald, np.finfo(float).tiny))
+        rise = found_at_least(wald, float(shown @ shown))
+        return float(p_of(rise, max(len(own), 1), self.projector.dof_of(basis)))
 
     @cached_property
     def held_out(self) -> HeldOut:

@@ -41,7 +41,7 @@ def rivals_of(search: Search, term: Term) -> list[Rival]:
             continue
         if each.score.statistic < _LEAST_STATISTIC * suggested.score.statistic:
             continue
-        instead = substituted(search.attempt_if_fit, others, each.candidate.term, suggested, search.alpha)
+        instead = substituted(search.attempt_if_fit, without, each, suggested, search.alpha)
         if instead is not None:
             # In the model, what was scanned for is a parameter too.
             size = sum(owner == term.effect for owner in search.attempt(search.terms).model.owners)

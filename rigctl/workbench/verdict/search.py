@@ -19,6 +19,7 @@ from rigctl.workbench.verdict.beside_shapes import (
     significant_beside_shape,
 )
 from rigctl.workbench.verdict.choices import joined
+from rigctl.workbench.verdict.first_order import found_at_most, least_comparable
 from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.impossible import impossible_parameters
@@ -40,12 +41,6 @@ from rigctl.workbench.verdict.unrecorded import imitations
 MOST_TERMS = 8
 REFITTED = 4
 """So many of the best are fitted in full before one is chosen: T is first order."""
-
-LINEAR = 30.0**2
-"""Statistics beyond may mislead about the order of candidates."""
-
-_BEYOND_DOUBT = 1e-12
-"""Of the level, for the p-value of a term: no catalogue has so many trials, so they need not be counted."""
 
 _NUMBERS_KEPT, _LEAST_KEPT = 3_000_000, 3
 """Data of models that are kept, and the least number of models."""
@@ -285,15 +280,13 @@ class Search:
             significant = [each for each in significant if each.candidate.term.effect in beside]
         significant = most_evident_first(attempt, significant)
         while significant:
-            first = significant[0].score.statistic
-            # Where T is linear a refit moves it by a few units; beyond, second order may reverse distant candidates.
-            near = first - 30.0 if first < LINEAR else 0.25 * first
+            near = least_comparable(significant[0].score.statistic)
             options = [each for each in significant if each.score.statistic >= near][:REFITTED]
-            tried = [(self._refitted_cost(attempt, each), each) for each in options]
+            tried = self._refitted(attempt, options)
             for cost, each in sorted(tried, key=lambda pair: pair[0]):
                 if np.isfinite(cost) and self._is_improvement(attempt, each):
                     return each.candidate.term
-            tried_out = {each.candidate.term.effect for each in options}
+            tried_out = {each.candidate.term.effect for _, each in tried}
             significant = [each for each in significant if each.candidate.term.effect not in tried_out]
         return None
 
@@ -301,6 +294,15 @@ class Search:
         """Candidates but the barred effect and what makes one of the `kept` terms richer."""
         barred = {term.effect for term in kept} | {self._barred}
         return [each for each in attempt.scored if each.candidate.term.effect not in barred]
+
+    def _refitted(self, attempt: Attempt, options: Sequence[Scored]) -> list[tuple[float, Scored]]:
+        """Costs after full fits, but of those options that are dearer than others whatever a fit finds."""
+        before, tried = attempt.chi2_with(attempt.noise), list[tuple[float, Scored]]()
+        for each in options:
+            least = before - found_at_most(each.score.statistic) + 2.0 * attempt.price(each)
+            if not tried or least < min(cost for cost, _ in tried):
+                tried.append((self._refitted_cost(attempt, each), each))
+        return tried
 
     def _refitted_cost(self, attempt: Attempt, scored: Scored) -> float:
         """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular."""
@@ -327,8 +329,14 @@ class Search:
         """The terms without those of the first `asked` that the others make needless, and what was dropped."""
         last, dropped = terms[asked:], list[str]()
         while True:
+            fitted = self.attempt(terms)
             added = [term for term in terms if term not in self.given and term not in last]
-            doubted = [term for term in added if self.p_of_term(terms, term) >= _BEYOND_DOUBT * self.alpha]
+            # What stands out far enough is needed beyond doubt.
+            doubted = [
+                term
+                for term in added
+                if corrected_for(fitted, fitted.p_without(term.effect), term.effect) >= self.alpha
+            ]
             p_values = {term.effect: self.corrected_p_of_term(terms, term) for term in doubted}
             worst = max(p_values, key=lambda effect: p_values[effect], default=None)
             if worst is None or p_values[worst] < self.alpha:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.core.arrays import FloatArray
-from rigctl.workbench.families import family_of
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.noise_alone import in_doubt
@@ -71,7 +70,7 @@ def _permuted_p_of_scored(attempt: Attempt, scored: Scored) -> float:
     permuted, score = attempt.permuted, scored.score
     if permuted is None or not score.dimension:
         return 0.0
-    name = family_of(attempt.study, scored.candidate.term.effect)
+    name = attempt.family_of(scored.candidate.term.effect)
     family = attempt.family(name)
 
     def smallest(draws: NDArray[np.float32]) -> FloatArray:
@@ -88,7 +87,7 @@ def _rotated_p_of_scored(attempt: Attempt, scored: Scored) -> float:
     if rotated is None or not scored.score.dimension:
         return 0.0
     # Between the choices of a scan the rotations are not looked at either: like is compared with like.
-    found = rotated.corrected(family_of(attempt.study, effect), attempt.least_p_of(effect))
+    found = rotated.corrected(attempt.family_of(effect), attempt.least_p_of(effect))
     return single(found, attempt.trials_of(effect))
 
 

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt, Scored
+from rigctl.workbench.verdict.first_order import found_at_least
+from rigctl.workbench.verdict.score import p_of
 from rigctl.workbench.verdict.significance import is_adequate, is_significant
 
 NEAR_TIE = 1.0
@@ -19,9 +21,14 @@ Fit = Callable[[Sequence[Term]], Attempt | None]
 """A model with these terms; None where these data do not determine it."""
 
 
-def substituted(fit: Fit, others: tuple[Term, ...], rival: Term, found: Scored, alpha: float) -> Attempt | None:
-    """The model with a rival instead of what was found; None when that, or anything else, is needed beside it."""
-    instead = fit((*others, rival))
+def substituted(fit: Fit, without: Attempt, rival: Scored, found: Scored, alpha: float) -> Attempt | None:
+    """The model with a rival instead of what was found; None when that, or anything else, is needed beside it.
+
+    Both are candidates beside the model `without` them.
+    """
+    if _is_needed_beside(without, rival, found, alpha):
+        return None
+    instead = fit((*without.terms, rival.candidate.term))
     if instead is None:
         return None
     beside = instead.scored_effect(found.candidate.term.effect)
@@ -29,6 +36,13 @@ def substituted(fit: Fit, others: tuple[Term, ...], rival: Term, found: Scored, 
     if beside is not None and beside.score.dimension and beside.score.p_value < RIVAL_LEVEL * alpha:
         return None
     return instead if is_adequate(instead, alpha) else None
+
+
+def _is_needed_beside(without: Attempt, rival: Scored, found: Scored, alpha: float) -> bool:
+    """Whether what was found is significant beside the rival whatever a fit of both finds."""
+    beside = without.projector_with(without.columns(rival.candidate)).score(without.columns(found.candidate))
+    left = found_at_least(beside.statistic, found.score.statistic)
+    return float(p_of(left, beside.dimension, beside.dof)) < RIVAL_LEVEL * alpha
 
 
 def most_evident_first(attempt: Attempt, candidates: Sequence[Scored]) -> list[Scored]:
@@ -71,7 +85,7 @@ def simplest(fit: Fit, terms: Sequence[Term], term: Term, alpha: float) -> Term:
         # A break of the level may be there on other grounds, beside noise in which nothing is significant.
         if not is_significant(without, each, alpha):
             continue
-        instead = substituted(fit, others, each.candidate.term, found, alpha)
+        instead = substituted(fit, without, each, found, alpha)
         # Scores are of first order: what counts is the fit, by one noise and less the price.
         if (
             instead is not None

@@ -25,6 +25,8 @@ _MODEST = 8
 _RANK = 1e-13
 FREE = 1e-9
 """Of a step's square: with less left beside all else that is fitted it is no step of its own."""
+_PLACED = 1e-3
+"""Of the way between a value's neighbours on the grid: the fit goes on from there."""
 # Squares beyond overflow when they are summed.
 _HUGE = 1e100
 
@@ -125,7 +127,7 @@ def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | N
         return _best_step(form, places, space, left) if places.size else start
     low, high = (edge if np.isfinite(edge) else start * factor for edge, factor in ((low, 0.8), (high, 1.25)))
     best = minimize_scalar(
-        misfit, bounds=(min(low, high), max(low, high)), method="bounded", options={"xatol": 1e-6 * abs(start)}
+        misfit, bounds=(min(low, high), max(low, high)), method="bounded", options={"xatol": _PLACED * abs(high - low)}
     )
     return float(best.x) if best.fun <= misfit(start) else start
 
