@@ -53,7 +53,7 @@ class Asked:
         if reason := self._data.why_not(base):
             return NotTestable(base, reason)
         if isinstance(effect, Group):
-            return {base: [[group_candidate(effect, self._jacobian, self._left)]]}
+            return {base: [[group_candidate(effect, self._jacobian, self._left_rms)]]}
         assert isinstance(effect, Form)
         # In this order: a form that is another one by name is not asked about further.
         reason = (
@@ -67,13 +67,13 @@ class Asked:
         unit = self._data.readings.response.unit
         if isinstance(effect, Scanned):
             name = next_id(base, self._taken)
-            there, beside = self._periods(effect), (unit, self._spanned, self._left)
+            there, beside = self._periods(effect), (unit, self._spanned, self._left_rms)
             scan = scan_candidates(effect, name, [term.choice for term in there], self._data.scans, *beside)
             groups: Groups = {name: [scan]} if len(scan) else {}
             return groups | (richer_candidates(effect, there, *beside) if isinstance(effect, Periodic) else {})
         choices = effect.choices(spans_of(self._spanned))
-        derivatives = self._data.derivatives
-        found = [candidate_of(effect, Term(base, x), unit, self._spanned, self._left, derivatives) for x in choices]
+        beside = (unit, self._spanned, self._left_rms, self._data.derivatives)
+        found = [candidate_of(effect, Term(base, x), *beside) for x in choices]
         return {base: [list(group) for _, group in groupby(found, lambda each: len(each.names))]} if found else {}
 
     def _periods(self, form: Scanned) -> list[Term]:
@@ -108,6 +108,10 @@ class Asked:
     @cached_property
     def _left(self) -> FloatArray:
         return np.asarray(self._model.observations.value - self._model.predict(self._values))
+
+    @cached_property
+    def _left_rms(self) -> float:
+        return float(np.sqrt(np.mean(self._left**2)))
 
     def _shared(self, form: Form) -> str:
         """Why levels of words are part of the noise; "" where they are not."""

@@ -76,9 +76,9 @@ class Derivatives:
 
 
 def candidate_of(
-    form: Form, term: Term, response_unit: str, spanned: Spanned, residual: FloatArray, derivatives: Derivatives
+    form: Form, term: Term, response_unit: str, spanned: Spanned, residual_rms: float, derivatives: Derivatives
 ) -> Candidate:
-    """A form as a candidate beside a model that spans `spanned` and has the residuals `residual` (n,).
+    """A form as a candidate beside a model that spans `spanned` and leaves residuals of this rms.
 
     A square of years from 1950 to 2020 is all but a multiple of the years: its derivative is given without the
     constant, the line and so on *where the model spans these*, which changes neither what the effect explains nor its
@@ -91,7 +91,6 @@ def candidate_of(
         # Columns of a long table are made when they are asked for; for a typical size some of the rows do.
         columns, rows = MadeColumns(form, term.choice, spanned), some_of(spanned.rows)
         few = at_rows(form, rows)
-        residual = residual[rows]
         rms = _rms(_without_trivial(few, few.parts(term.choice), spanned.few))
     return Candidate(
         term,
@@ -99,7 +98,7 @@ def candidate_of(
         form.units(response_unit, term.choice),
         columns,
         # The size that would make all of the residual: of a table's effects nobody knows another.
-        _rms(residual) / np.maximum(rms, np.finfo(np.float64).tiny),
+        residual_rms / np.maximum(rms, np.finfo(np.float64).tiny),
         whole=_whole_of(form, term.choice, spanned) if isinstance(form, Level | Slope) else None,
     )
 
@@ -181,12 +180,12 @@ def scan_candidates(
     scans: Scans,
     response_unit: str,
     spanned: Spanned,
-    residual: FloatArray,
+    residual_rms: float,
 ) -> ScanChoices:
     """A scanned form with each of its choices: what `candidate_of` does for one. `there` are periods of the model."""
     scan = scans.scan(form, spanned)
     names, units = tuple(f"{effect}{name}" for name in form.names()), form.units(response_unit)
-    typical = _rms(residual) / np.maximum(scan.rms, np.finfo(np.float64).tiny)
+    typical = residual_rms / np.maximum(scan.rms, np.finfo(np.float64).tiny)
     choices = scans.choices(form)
     return ScanChoices(effect, names, units, scan, choices, typical, _resolved(form, choices, there))
 
@@ -200,29 +199,31 @@ def _resolved(form: Scanned, choices: Sequence[Choice], there: Sequence[Choice])
 
 
 def richer_candidates(
-    form: Periodic, terms: Sequence[Term], response_unit: str, spanned: Spanned, residual: FloatArray
+    form: Periodic, terms: Sequence[Term], response_unit: str, spanned: Spanned, residual_rms: float
 ) -> Groups:
     """Periodic terms of the model, each with one harmonic more: what that adds at its period."""
     groups: Groups = {}
     space = _trivial_space(form, spanned)
     for term in terms:
-        richer = [_richer(form, term, choice, response_unit, space, residual) for choice in form.richer(term.choice)]
+        richer = [
+            _richer(form, term, choice, response_unit, space, residual_rms) for choice in form.richer(term.choice)
+        ]
         groups |= {term.effect: [richer]} if richer else {}
     return groups
 
 
 def _richer(
-    form: Periodic, term: Term, choice: Choice, response_unit: str, space: FloatArray, residual: FloatArray
+    form: Periodic, term: Term, choice: Choice, response_unit: str, space: FloatArray, residual_rms: float
 ) -> Candidate:
     known, named = form.names(term.choice), form.names(choice)
     new = [place for place, name in enumerate(named) if name not in known]
     columns = form.basis(choice)[:, new]
     columns = columns - space @ (space.T @ columns)
     names, units = tuple(f"{term.effect}{named[place]}" for place in new), (response_unit,) * len(new)
-    return Candidate(Term(term.effect, choice), names, units, columns, _rms(residual) / _rms(columns))
+    return Candidate(Term(term.effect, choice), names, units, columns, residual_rms / _rms(columns))
 
 
-def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> Candidate:
+def group_candidate(group: Group, slopes: FloatArray, residual_rms: float) -> Candidate:
     """A parameter by words beside a model with these derivatives by the baseline's parameters, (n, m)."""
     derivative = group.derivative(slopes)
     return Candidate(
@@ -230,7 +231,7 @@ def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> C
         tuple(f"{group.id}{name}" for name in group.names()),
         group.units(""),
         derivative,
-        _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
+        residual_rms / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
         whole=partial(group.of_each_word, slopes),
     )
 

@@ -20,7 +20,7 @@ from rigctl.workbench.verdict.beside_shapes import (
 )
 from rigctl.workbench.verdict.choices import joined
 from rigctl.workbench.verdict.first_order import found_at_most, least_comparable
-from rigctl.workbench.verdict.fitted_model import held_out_ratio
+from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise, held_out_ratio
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.impossible import impossible_parameters
 from rigctl.workbench.verdict.known_noise import KnownNoise
@@ -94,19 +94,25 @@ class Search:
             # The last asked for is the last to go.
             self._attempts[key] = self._attempts.pop(key)
         else:
-            # Another choice of the same effect is nowhere to start from.
-            owners = ("", *map(_name, terms))
-            start = {name: value for owner in owners for name, value in self._values.get(owner, {}).items()}
-            self.adopt(Attempt(self.study, terms, self.seed, self._shapes, start, self._known))
+            self.adopt(Attempt(self.study, terms, self.seed, self._shapes, self._start(terms), self._known))
         return self._attempts[key]
 
     def adopt(self, attempt: Attempt) -> None:
         """Keep a fitted model, and start others from it."""
-        names = {term.effect: _name(term) for term in attempt.terms}
         self._attempts[_key(attempt.terms)] = attempt
-        for owner, (name, value) in zip(attempt.model.owners, attempt.values.items(), strict=True):
-            self._values.setdefault(names.get(owner, ""), {})[name] = value
+        self._note(attempt.terms, attempt)
         self._forget()
+
+    def _start(self, terms: Sequence[Term]) -> dict[str, float]:
+        """Where to start from: another choice of the same effect is nowhere."""
+        owners = ("", *map(_name, terms))
+        return {name: value for owner in owners for name, value in self._values.get(owner, {}).items()}
+
+    def _note(self, terms: Sequence[Term], fitted: FittedModel) -> None:
+        """Where a model ended, others start."""
+        names = {term.effect: _name(term) for term in terms}
+        for owner, (name, value) in zip(fitted.model.owners, fitted.values.items(), strict=True):
+            self._values.setdefault(names.get(owner, ""), {})[name] = value
 
     def _forget(self) -> None:
         """Models of long tables that were not asked for lately: a fit is made again in less than a second or two."""
@@ -297,6 +303,8 @@ class Search:
 
     def _refitted(self, attempt: Attempt, options: Sequence[Scored]) -> list[tuple[float, Scored]]:
         """Costs after full fits, but of those options that are dearer than others whatever a fit finds."""
+        if len(options) == 1:
+            return [(0.0, options[0])]
         before, tried = attempt.chi2_with(attempt.noise), list[tuple[float, Scored]]()
         for each in options:
             least = before - found_at_most(each.score.statistic) + 2.0 * attempt.price(each)
@@ -306,18 +314,27 @@ class Search:
 
     def _refitted_cost(self, attempt: Attempt, scored: Scored) -> float:
         """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular."""
-        trial = self.attempt_if_fit(joined(attempt.terms, scored.candidate.term))
-        if trial is None:
+        # One noise for all: the sigma of each model is its own guess.
+        try:
+            fitted = self._fitted(joined(attempt.terms, scored.candidate.term), attempt.noise)
+        except UNFIT:
             return float("inf")
-        # One noise for all: the sigma of each trial is its own guess.
         # The price is in log evidence; twice that is the scale of chi-square.
-        return trial.chi2_with(attempt.noise) + 2.0 * attempt.price(scored)
+        return fitted.chi2_with(attempt.noise) + 2.0 * attempt.price(scored)
+
+    def _fitted(self, terms: Sequence[Term], noise: Noise) -> FittedModel:
+        """The model with these terms in a noise that is given: less than an attempt, which goes on from there."""
+        if (made := self._attempts.get(_key(terms))) is not None:
+            return made
+        fitted = fit_with_given_noise(self.study.model(terms), self._start(terms), noise)
+        self._note(terms, fitted)
+        return fitted
 
     def _is_improvement(self, attempt: Attempt, scored: Scored) -> bool:
         """Whether held-out data come out better with the candidate in, undecided counting as yes, and plain shapes
         do not make it needless."""
-        with_it = self.attempt(joined(attempt.terms, scored.candidate.term))
-        if held_out_ratio(with_it, attempt) >= 1.0:
+        with_it = self.attempt_if_fit(joined(attempt.terms, scored.candidate.term))
+        if with_it is None or held_out_ratio(with_it, attempt) >= 1.0:
             return False
         return not needless_beside_shapes(attempt, scored, with_it, self.alpha, self.seed)
 

@@ -236,7 +236,7 @@ class Interaction(Form):
         anything.
         """
         clocks = {name: each for name, each in (("origin_1", self.one), ("origin_2", self.other)) if each.clock}
-        if all(map(spans, self.trivial())):
+        if clocks and all(map(spans, self.trivial())):
             clocks = {}
         plain = {name: float(column.distinct[0]) for name, column in clocks.items()}
         return [plain, {"origin_1": self.one.mean, "origin_2": self.other.mean}]

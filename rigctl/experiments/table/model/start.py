@@ -127,7 +127,10 @@ def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | N
         return _best_step(form, places, space, left) if places.size else start
     low, high = (edge if np.isfinite(edge) else start * factor for edge, factor in ((low, 0.8), (high, 1.25)))
     best = minimize_scalar(
-        misfit, bounds=(min(low, high), max(low, high)), method="bounded", options={"xatol": _PLACED * abs(high - low)}
+        misfit,
+        bounds=(min(low, high), max(low, high)),
+        method="bounded",
+        options={"xatol": _PLACED * abs(high - low)},
     )
     return float(best.x) if best.fun <= misfit(start) else start
 
