@@ -72,8 +72,8 @@ class Asked:
             groups: Groups = {name: [scan]} if len(scan) else {}
             return groups | (richer_candidates(effect, there, *beside) if isinstance(effect, Periodic) else {})
         choices = effect.choices(spans_of(self._spanned))
-        beside = (unit, self._spanned, self._left_rms, self._data.derivatives)
-        found = [candidate_of(effect, Term(base, x), *beside) for x in choices]
+        alike = (unit, self._spanned, self._left_rms, self._data.derivatives)
+        found = [candidate_of(effect, Term(base, x), *alike) for x in choices]
         return {base: [list(group) for _, group in groupby(found, lambda each: len(each.names))]} if found else {}
 
     def _periods(self, form: Scanned) -> list[Term]:

@@ -63,7 +63,7 @@ class Derivatives:
     def _noted(
         self, asked: tuple[Any, ...], form: Form, choice: Choice, spanned: Spanned
     ) -> tuple[list[FloatArray], list[FloatArray], range]:
-        """The functions of a form, (n, d) and (n, 1), and their places among all; no places where they are too long."""
+        """The functions of a form, (n, d) and (n, 1), and their places among all; none of those that are too long."""
         parts, trivial = form.parts(choice), [each[:, None] for each in form.trivial()]
         if spanned.few is not None or not self._has_room_for(noted := [*parts, *trivial]):
             return parts, trivial, range(0)

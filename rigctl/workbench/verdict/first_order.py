@@ -1,4 +1,4 @@
-"""What statistics of first order say about fits that are not made: the data's answer costs a hundred times as much."""
+"""What statistics of first order say about fits that need not be made."""
 
 from __future__ import annotations
 

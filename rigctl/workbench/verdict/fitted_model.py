@@ -125,8 +125,8 @@ class FittedModel:
     def p_without(self, effect: str) -> float:
         """Of the rise of chi-square without an effect and all else fitted anew, at most: no fit is made.
 
-        To first order it rises by the Wald statistic of the amplitudes (Trans. Am. Math. Soc. 54 (1943) 426); what the
-        effect was scanned for is part of all else, and of the dimension.
+        To first order it rises by the Wald statistic of the amplitudes (Trans. Am. Math. Soc. 54 (1943) 426); what
+        the effect was scanned for is part of all else, and of the dimension.
         """
         chosen = {f"{term.effect}.{name}" for term in self.model.terms for name in term.choice}
         own = [place for place, owner in enumerate(self.model.owners) if owner == effect]
