@@ -26,7 +26,7 @@ from rigctl.workbench.verdict.profiled import profiled
 from rigctl.workbench.verdict.questions import Questions
 from rigctl.workbench.verdict.rotated import FEW, Rotated
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
-from rigctl.workbench.verdict.score import Score, contained_at_most, corrected
+from rigctl.workbench.verdict.score import Projector, Score, contained_at_most, corrected
 from rigctl.workbench.verdict.scoring import Scoring
 from rigctl.workbench.verdict.sketched import SketchedTrials
 from rigctl.workbench.verdict.trials import Family, Trials, trials
@@ -122,7 +122,7 @@ class Attempt(FittedModel):
 
     @cached_property
     def _scoring(self) -> Scoring:
-        return Scoring(self, self.estimator)
+        return Scoring(self, self.projector, self.estimator.saturated)
 
     @cached_property
     def scored(self) -> list[Scored]:
@@ -163,6 +163,18 @@ class Attempt(FittedModel):
                     best = Scored(candidate, score)
         assert best is not None
         return best
+
+    def p_beside_others(self, effect: str) -> float:
+        """Of the rise of chi-square, at most, without an effect of the model but with any one that it lacks instead.
+
+        Both to first order: no fit is made.
+        """
+        shown, rest = self.shown(effect)
+        projector = Projector(rest, shown, self.noise.dof, len(self.result.residuals), self.noise.between)
+        scoring, there = Scoring(self, projector), {term.effect for term in self.terms}
+        others = [groups for each, groups in self._questions.groups.items() if each not in there]
+        most = max(map(scoring.most_explained, itertools.chain(*others)), default=0.0)
+        return self.p_of_shown(effect, projector, most)
 
     def dof_of(self, effect: str) -> float:
         """Degrees of freedom of the noise that the test of a candidate meets; infinite for what is none."""

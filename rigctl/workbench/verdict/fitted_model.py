@@ -122,23 +122,32 @@ class FittedModel:
         """Derivatives (n, k) whitened, with rows for the priors, shape (n + priors, k)."""
         return self.padded(self.noise.whiten(columns))
 
-    def p_without(self, effect: str) -> float:
-        """Of the rise of chi-square without an effect and all else fitted anew, at most: no fit is made.
+    def shown(self, effect: str) -> tuple[FloatArray, FloatArray]:
+        """What the fitted amplitudes of an effect show, whitened, (n + priors,), and the derivatives by all else.
 
-        To first order it rises by the Wald statistic of the amplitudes (Trans. Am. Math. Soc. 54 (1943) 426); what
-        the effect was scanned for is part of all else, and of the dimension.
+        What the effect was scanned for is part of all else.
         """
         chosen = {f"{term.effect}.{name}" for term in self.model.terms for name in term.choice}
-        own = [place for place, owner in enumerate(self.model.owners) if owner == effect]
-        sizes = [place for place in own if self.names[place] not in chosen]
+        pairs = zip(self.names, self.model.owners, strict=True)
+        sizes = [place for place, (name, owner) in enumerate(pairs) if owner == effect and name not in chosen]
         jacobian = self.jacobian
-        shown = jacobian[:, sizes] @ self.result.values[sizes]
-        rest = orthonormal(np.delete(jacobian, sizes, axis=1), UNDETERMINED)
-        alone = shown - rest @ (rest.T @ shown)
-        wald = float(alone @ alone)
-        basis = alone[:, None] / np.sqrt(max(wald, np.finfo(float).tiny))
-        rise = found_at_least(wald, float(shown @ shown))
-        return float(p_of(rise, max(len(own), 1), self.projector.dof_of(basis)))
+        return jacobian[:, sizes] @ self.result.values[sizes], np.delete(jacobian, sizes, axis=1)
+
+    def p_without(self, effect: str) -> float:
+        """Of the rise of chi-square, at most, without an effect and all else fitted anew: no fit is made.
+
+        To first order it rises by the Wald statistic of the amplitudes (Trans. Am. Math. Soc. 54 (1943) 426).
+        """
+        shown, rest = self.shown(effect)
+        projector = Projector(rest, shown, self.noise.dof, len(self.result.residuals), self.noise.between)
+        return self.p_of_shown(effect, projector)
+
+    def p_of_shown(self, effect: str, projector: Projector, imitated: float = 0.0) -> float:
+        """P-value at most of what a projector has left of what an effect shows, less what others imitate of it."""
+        wald = float(projector.left @ projector.left)
+        basis = projector.left[:, None] / np.sqrt(max(wald, np.finfo(float).tiny))
+        rise = found_at_least(wald - imitated, wald)
+        return float(p_of(rise, max(self.model.owners.count(effect), 1), projector.dof_of(basis)))
 
     @cached_property
     def held_out(self) -> HeldOut:

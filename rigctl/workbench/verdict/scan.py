@@ -103,6 +103,11 @@ class ScanScores:
         """The number of the choice with the largest statistic, the first of equals."""
         return int(np.argmax(self.statistic[self._asked]))
 
+    @property
+    def largest(self) -> float:
+        """The largest statistic of what is asked about."""
+        return float(np.max(self.statistic[self._asked]))
+
     def score(self, number: int) -> Score:
         """Of one choice that is asked about."""
         place = int(self._asked[number])

@@ -15,26 +15,28 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.groups import ScanChoices
 from rigctl.workbench.study import Candidate
 from rigctl.workbench.verdict.fitted_model import FittedModel
-from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
-from rigctl.workbench.verdict.scan import OwnNoise, ScanScores, asked_along
-from rigctl.workbench.verdict.score import Score, p_of
+from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores, asked_along
+from rigctl.workbench.verdict.score import Projector, Score, p_of
 
 # Of a ratio of sigmas that is the same for all data but for their last digit.
 _ROUNDING = 1e-13
 
 
 class Scoring:
-    """The scores of candidates in what is left by a `fitted` model, whose noise an `estimator` told."""
+    """The scores of candidates in what a `projector` has left beside a `fitted` model.
 
-    def __init__(self, fitted: FittedModel, estimator: NoiseEstimator) -> None:
+    `frame` spans all that was projected out where the noise was estimated; without it the noise counts as known.
+    """
+
+    def __init__(self, fitted: FittedModel, projector: Projector, frame: FloatArray | None = None) -> None:
         self._fitted, self._noise = fitted, fitted.noise
-        self._frame = estimator.saturated
+        self._projector, self._frame = projector, frame
         self._sketches: dict[int, FloatArray] = {}
 
     def of(self, candidate: Candidate) -> Score:
         """Of one candidate."""
         columns = self._fitted.whitened_columns(candidate.derivative)
-        score = self._fitted.projector.score(columns)
+        score = self._projector.score(columns)
         if self._frame is not None:
             score = self._by_own_noise(score, self._frame)
         if isinstance(candidate.columns, np.ndarray | Scan):
@@ -42,6 +44,12 @@ class Scoring:
         # Of columns that are made when they are asked for a sketch is kept, and the basis made again.
         self._sketches[id(candidate)] = sketch_of(len(columns)).of(columns)
         return replace(score, of=partial(self._basis, candidate))
+
+    def most_explained(self, choices: Sequence[Candidate]) -> float:
+        """The largest statistic of some choices."""
+        if len(choices) >= TOGETHER:
+            return self.of_scan(choices).largest
+        return max(self.of(each).statistic for each in choices)
 
     def done(self) -> None:
         """All scans have been scored: what they were scored with is as long as some columns."""
@@ -55,7 +63,7 @@ class Scoring:
         return self._sketches[id(candidate)]
 
     def _basis(self, candidate: Candidate) -> FloatArray:
-        return self._fitted.projector.score(self._fitted.whitened_columns(candidate.derivative)).basis
+        return self._projector.score(self._fitted.whitened_columns(candidate.derivative)).basis
 
     def of_scan(self, choices: Sequence[Candidate]) -> ScanScores:
         """Of all choices of a scan."""
@@ -64,7 +72,7 @@ class Scoring:
         if not isinstance(scan, Scan | SummedScan) or (isinstance(scan, SummedScan) and self._noise.factors):
             scan, asked = Scan(np.stack([each.derivative for each in choices], axis=1)), np.arange(len(choices))
         unit, scale = self.unit_columns(scan)
-        return ScanScores(self._fitted.projector, unit, scale, self._own, self._along, asked)
+        return ScanScores(self._projector, unit, scale, self._own, self._along, asked)
 
     @cached_property
     def _in_frame(self) -> FloatArray:
@@ -78,7 +86,7 @@ class Scoring:
 
     @cached_property
     def _along(self) -> FloatArray:
-        return asked_along(self._fitted.projector, self._own)
+        return asked_along(self._projector, self._own)
 
     def unit_columns(self, scan: Scan | SummedScan) -> tuple[UnitColumns | SummedColumns, float]:
         """The whitened columns of a scan at unit length, and the factor by which they are longer than kept ones."""

@@ -71,10 +71,13 @@ def simplest(fit: Fit, terms: Sequence[Term], term: Term, alpha: float) -> Term:
 
     Simpler is what has fewer parameters, one that was scanned for among them, then what comes first in the catalogue.
     """
+    best = fit(terms)
+    if best is None or best.p_beside_others(term.effect) < RIVAL_LEVEL * alpha:
+        return term
     others = tuple(each for each in terms if each != term)
-    without, best = fit(others), fit(terms)
+    without = fit(others)
     found = None if without is None else without.scored_effect(term.effect)
-    if without is None or best is None or found is None:
+    if without is None or found is None:
         return term
     catalogue = list(without.study.effects())
     least = without.evidence(found) - NEAR_TIE
