@@ -5,6 +5,9 @@ from __future__ import annotations
 LINEAR = 30.0**2
 """Statistics beyond may mislead: second order may reverse what is distant."""
 
+FAR_MOST = 2.0
+"""Of a statistic of any size, what fits explain at most of all that is left."""
+
 _LEAST, _MOST = 0.6, 1.25
 """Of a statistic up to there, what a fit finds at least and at most: in published tables 0.63 of what amplitudes say,
 and 1.16 of what a candidate promises."""

@@ -19,7 +19,7 @@ from rigctl.workbench.verdict.beside_shapes import (
     significant_beside_shape,
 )
 from rigctl.workbench.verdict.choices import joined
-from rigctl.workbench.verdict.first_order import found_at_most, least_comparable
+from rigctl.workbench.verdict.first_order import FAR_MOST, found_at_most, least_comparable
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise, held_out_ratio
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.impossible import impossible_parameters
@@ -86,6 +86,7 @@ class Search:
         self.unexplained: Best | None = None
         self.lines: list[Line] = []
         self._barred: str | None = None
+        self._to_beat: tuple[Noise, float] | None = None
 
     def attempt(self, terms: Sequence[Term]) -> Attempt:
         """The model with these terms, fitted and scored once."""
@@ -175,10 +176,11 @@ class Search:
         final = self.attempt(self.terms)
         if self.unexplained is None and not final.chi2_p_value() < self.alpha:
             return
+        price = self.price(final.noise)
         for term in self.suggested:
             # A likeness of two effects may have kept both out: without it the search finds them, if they are cheaper.
-            detour = self._without(term.effect)
-            if detour.unexplained is None and detour.price(final.noise) < self.price(final.noise):
+            detour = self._without(term.effect, final.noise, price)
+            if detour.unexplained is None and detour.price(final.noise) < price:
                 self.terms, self.moves = detour.terms, detour.moves
                 self.lines, self.unexplained = detour.lines, None
                 return
@@ -233,6 +235,8 @@ class Search:
     def _climb(self) -> None:
         while len(self.suggested) < MOST_TERMS:
             attempt = self.attempt(self.terms)
+            if self._is_beaten(attempt):
+                return
             self._progress(f"effects added: {len(self.suggested)}, candidates: {attempt.choices}")
             chosen = self._next(attempt)
             if chosen is None:
@@ -251,12 +255,24 @@ class Search:
             self.moves.append(Move(self.terms, None, tuple(term.effect for term in imitated)))
             self.unexplained = significant_shape(self.attempt(self.terms), self.alpha) or self.unexplained
 
-    def _without(self, effect: str) -> Search:
-        """The search with one effect barred, which may have taken the place of two others."""
+    def _is_beaten(self, attempt: Attempt) -> bool:
+        """Whether this search cannot end below the price it has to beat, whatever else is added to this model."""
+        if self._to_beat is None:
+            return False
+        columns = [attempt.columns(each.candidate) for each in self._allowed(attempt, self.given)]
+        if 2 * sum(each.shape[1] for each in columns) > len(attempt.left):
+            return False
+        together = attempt.projector.score(np.hstack(columns)).statistic if columns else 0.0
+        noise, price = self._to_beat
+        share = FAR_MOST * together / float(attempt.left @ attempt.left)
+        return (1.0 - share) * attempt.chi2_with(noise) > price
+
+    def _without(self, effect: str, noise: Noise, price: float) -> Search:
+        """The search with one effect barred, which may have taken the place of two others, to end below a price."""
         detour = Search(self.study, self.given, self.alpha, self.seed, self._progress, self._known)
         # A model means the same in both searches: fits are shared.
         detour._attempts, detour._shapes, detour._values = self._attempts, self._shapes, self._values
-        detour._barred = effect
+        detour._barred, detour._to_beat = effect, (noise, price)
         detour._climb()
         return detour
 
