@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import json
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -242,7 +244,8 @@ def _code() -> str:
     # The text of the program itself: nobody has to remember to count up a version.
     root = Path(__file__).parents[2]
     digest = hashlib.sha256()
-    for path in sorted(path for package in CODE for path in (root / package).rglob("*.py")):
+    folders = itertools.chain.from_iterable(os.walk(root / package) for package in CODE)
+    for path in sorted(Path(folder, name) for folder, _, names in folders for name in names if name.endswith(".py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

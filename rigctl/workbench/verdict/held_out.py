@@ -62,7 +62,12 @@ class HeldOut:
         if further is not None:
             basis, left = np.hstack([basis, further]), left - further @ (further.T @ left)
         wanted = np.ones(self._data, dtype=bool) if series is None else np.isin(self._series_of, series)
-        blocks = [_predicted(basis[block], left[block], wanted[block]) for block in self._blocks if self.possible]
+        if not self.possible:
+            return float("nan")
+        if further is None and wanted.all():
+            blocks = self.blocks
+        else:
+            blocks = [_predicted(basis[block], left[block], wanted[block]) for block in self._blocks]
         expected = sum(block.expected for block in blocks)
         return float(np.sqrt(sum(block.square for block in blocks) / expected)) if expected > 0.0 else float("nan")
 

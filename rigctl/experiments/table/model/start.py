@@ -111,8 +111,11 @@ def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | N
     def misfit(value: float) -> float:
         basis = form.basis(form.full_choice(float(value)))
         basis = basis - space @ (space.T @ basis)
-        explained = span_of(basis).T @ left
-        return float(left @ left - np.sum(explained**2))
+        # By the few columns' Gram matrix: this is asked a hundred times for every model.
+        square, vectors = np.linalg.eigh(basis.T @ basis)
+        seen = square > _RANK * square[-1]
+        along = (basis @ vectors[:, seen]).T @ left
+        return float(left @ left - np.sum(along**2 / square[seen]))
 
     grid = form.grid(POINTS_MAX)
     if isinstance(form, Step):
