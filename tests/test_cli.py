@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 from rigctl import cli
 from rigctl.campaign.session import locks, requests
 from rigctl.campaign.store.store import Store
-from rigctl.cli import app, commands
+from rigctl.cli import commands
+from rigctl.cli.application import app
 from rigctl.core.errors import RigError
 from rigctl.files.rig_file import read_rig
 
@@ -469,7 +470,7 @@ EVERY_COMMAND = [
 def test_no_help_needs_what_the_commands_work_with() -> None:
     """It is read from the source: a command's module is imported when the command is used."""
     code = (
-        "import sys, typer.testing, rigctl.cli as cli\n"
+        "import sys, typer.testing, rigctl.cli.application as cli\n"
         f"for command in {[[], *EVERY_COMMAND]}:\n"
         "    print(typer.testing.CliRunner().invoke(cli.app, [*command, '--help']).output)\n"
         "print(sorted({name.split('.')[0] for name in sys.modules}))\n"

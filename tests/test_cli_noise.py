@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from rigctl.campaign.recording import OWN_CLOCK, ChannelInfo, Header
 from rigctl.campaign.store.store import Store
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.core.errors import RigError
 
 

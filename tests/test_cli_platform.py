@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from benchmarks.platform_sampler import SampledRun, record
 from rigctl import Campaign
-from rigctl.cli import app
+from rigctl.cli.application import app
 from simulators.worlds.platform_settings import PlatformSettings
 
 RUNS = [

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rigctl.campaign.store.store import Store
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.core.errors import ConfigError
 
 

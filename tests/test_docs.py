@@ -33,7 +33,7 @@ from procedures.frequency_response import tables as response_tables
 from procedures.inflight.tables import Calibration, MonteCarlo
 from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis.tables import ListedRun, Procedure, Targets
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.effects.catalogue import catalogue
 from rigctl.files import package
 from rigctl.files.campaign_file import CampaignFile, ModelTable, ReferenceTable

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.core.errors import ConfigError
 from rigctl.core.experiments import EXPERIMENTS
 from rigctl.effects.catalogue import SCOPES

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from benchmarks.blind_sampler import nulls_deg
 from benchmarks.unknown_effect import DESIGN, GAIN_PER_HPA, SEED, recording
 from rigctl.campaign.bundle.bundle import read_bundle
-from rigctl.cli import app
+from rigctl.cli.application import app
 from simulators.worlds.bench_settings import isa_twin
 
 ROOT = Path(__file__).parent.parent

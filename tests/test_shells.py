@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.cli.definitions import definitions
 
 SHELLS = ("bash", "zsh", "fish")

@@ -29,7 +29,7 @@ from rigctl.cli.steering import ask
 from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
-from rigctl.report.terminal import ProgressBar
+from rigctl.report.progress_bar import ProgressBar
 
 app = typer.Typer()
 

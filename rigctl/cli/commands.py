@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -60,22 +61,16 @@ class LazyCommand(TyperCommand):
 
     def declared(self) -> Any:
         """The command with its arguments and options but without what it does, read from the source."""
-        module, tree = ModuleType(self._module), self._tree()
+        module, tree = ModuleType(self._module), _tree(self._module)
         tree.body = [_without_body(each) for each in tree.body if not _of_the_work(each)]
         exec(compile(tree, self._module, "exec"), module.__dict__)  # noqa: S102 - the declarations of this package
         return self._command_of(module)
 
     def summary(self) -> str:
         """The docstring of its function, else of its module, read from the source."""
-        tree = self._tree()
-        names = {self.name, f"{self.name}_"}  # `import` and `next` mean something else in Python
-        functions = (each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name in names)
-        return ast.get_docstring(next(functions, tree)) or ""
-
-    def _tree(self) -> ast.Module:
-        spec = find_spec(self._module)
-        assert spec is not None
-        return ast.parse(Path(str(spec.origin)).read_text(encoding="utf-8"))
+        told = _docstrings(self._module)
+        # `import` and `next` mean something else in Python.
+        return told.get(str(self.name)) or told.get(f"{self.name}_") or told[""]
 
     def _command_of(self, module: ModuleType) -> Any:
         command = get_command(module.app)
@@ -83,6 +78,20 @@ class LazyCommand(TyperCommand):
         if isinstance(command, TyperGroup) and command.name != self.name:
             return command.commands[str(self.name)]
         return command
+
+
+def _tree(module: str) -> ast.Module:
+    spec = find_spec(module)
+    assert spec is not None
+    return ast.parse(Path(str(spec.origin)).read_text(encoding="utf-8"))
+
+
+@cache
+def _docstrings(module: str) -> dict[str, str]:
+    """Of the functions of a module, and its own under ""."""
+    tree = _tree(module)
+    functions = [each for each in tree.body if isinstance(each, ast.FunctionDef)]
+    return {each.name: ast.get_docstring(each) or "" for each in functions} | {"": ast.get_docstring(tree) or ""}
 
 
 def _of_the_work(statement: ast.stmt) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 from typer.main import get_command
 
-from rigctl.cli import app
+from rigctl.cli.application import app
 
 
 @dataclass(frozen=True)

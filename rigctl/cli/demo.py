@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 
 from rigctl.campaign.store.store import Store
-from rigctl.cli import app as rigctl
+from rigctl.cli.application import app as rigctl
 from rigctl.cli.io import say
 from rigctl.core.errors import ConfigError, RigError
 from rigctl.core.making_safe import ended_by_signals

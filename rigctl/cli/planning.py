@@ -16,7 +16,7 @@ from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.investigate import Settings
 from rigctl.investigate import investigate as carry_out
-from rigctl.report.terminal import ProgressBar
+from rigctl.report.progress_bar import ProgressBar
 from rigctl.report.terminal_workbench import print_outcome, print_recommendation
 
 app = typer.Typer()

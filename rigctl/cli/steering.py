@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.campaign.session import requests
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
-from rigctl.cli.io import Json, StoreFile, print_json, print_outcome, tell
-from rigctl.report.terminal import print_status
+from rigctl.cli.io import Json, StoreFile, print_outcome, tell
+from rigctl.report.status_lines import status_lines
+
+if TYPE_CHECKING:
+    from rigctl.campaign.session.requests import Request
 
 app = typer.Typer()
 
@@ -35,12 +37,16 @@ def answer(
     as_json: Json = False,
 ) -> None:
     """Answer what a running campaign asks the operator."""
+    from rigctl.campaign.session import requests  # sockets and locks, which how far a campaign is does not need
+
     question = requests.answer(store, text).text
     print_outcome({"question": question, "answer": text}, f"{question.strip()} {text}", as_json=as_json)
 
 
-def ask(store: Path, kind: requests.Request, *, as_json: bool) -> None:
+def ask(store: Path, kind: Request, *, as_json: bool) -> None:
     """Have a running campaign pause, go on or end."""
+    from rigctl.campaign.session import requests
+
     requests.request(store, kind)
     print_outcome({"requested": kind}, f"asked the campaign to {kind}", as_json=as_json)
 
@@ -49,7 +55,8 @@ def ask(store: Path, kind: requests.Request, *, as_json: bool) -> None:
 def status(store: StoreFile, as_json: Json = False) -> None:
     """How far a campaign is."""
     tell_if_unchecked(store)
-    (print_json if as_json else print_status)(status_of(store))
+    found = status_of(store)
+    print_outcome(found, "\n".join(status_lines(found)), as_json=as_json)
 
 
 def tell_if_unchecked(store: Path) -> None:

@@ -77,11 +77,13 @@ class Console(Shell):
     @work
     async def _begin(self) -> None:
         """The screens, then what is to be opened."""
-        await self.furnish()
-        self._feed.start()
-        self.set_interval(DRAW_S, self._draw)
-        self.action_screen(self.kept.screen)
-        self.take_keys()
+        # Nothing of it is drawn before all of it is there.
+        with self.batch_update():
+            await self.furnish()
+            self._feed.start()
+            self.set_interval(DRAW_S, self._draw)
+            self.action_screen(self.kept.screen)
+            self.take_keys()
         self.call_later(self._open_first)
 
     def _open_first(self) -> None:

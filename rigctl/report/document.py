@@ -19,9 +19,9 @@ from rigctl.report.figures.residuals import residual_plates
 from rigctl.report.figures.workbench import ladder_plate, ranking_plate
 from rigctl.report.opening import calibrated
 from rigctl.report.quantities import counted
+from rigctl.report.status_lines import repeats_line
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.report.tables.workbench import channels_table, ladder_tables, parameters_table, ranking_table, rms_tables
-from rigctl.report.terminal import repeats_line
 from rigctl.report.verdicts import (
     advice,
     comparison_sentence,

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from rigctl.certificate.dcc.document import dcc
 from rigctl.certificate.dcc.units import dsi_unit
 from rigctl.certificate.verify import NotVerified, verify
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.files.certificate_file import read_details
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from benchmarks.platform_sampler import SampledRun, record
 from rigctl.campaign.recording import Header
 from rigctl.campaign.store.store import Store
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.files.certificate_file import CertificateDetails, Requirement

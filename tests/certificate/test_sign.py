@@ -28,8 +28,8 @@ from rigctl.certificate.issue import NotVerified
 from rigctl.certificate.sections import UNSIGNED
 from rigctl.certificate.signature import Signature
 from rigctl.certificate.signing import sign, signer_of
-from rigctl.cli import app
 from rigctl.cli import certificate as command
+from rigctl.cli.application import app
 from rigctl.core.errors import DataError
 from tests.certificate.test_pdf import PONTIUS, PRINTER, browser
 

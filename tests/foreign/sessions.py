@@ -18,7 +18,7 @@ from typing import Any
 
 from typer.testing import CliRunner
 
-from rigctl.cli import app
+from rigctl.cli.application import app
 
 ALPHA = 0.01
 CHI2_TOLERANCE = 0.01

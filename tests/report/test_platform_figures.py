@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.platform_sampler import SampledRun, record
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import catalogue
 from rigctl.report.figures.rotating_platform.signature import signature_plate

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigctl.campaign.session.heartbeat import STALLED_S
-from rigctl.report.terminal import print_status
+from rigctl.report.status_lines import status_lines
 from rigctl.report.time_left import time_left
 
 NOW = datetime.now(UTC)
@@ -37,13 +37,11 @@ def test_time_left(given: dict[str, Any], said: str) -> None:
     assert time_left(given, NOW) == said
 
 
-def test_a_stalled_campaign_is_told_no_time(capsys: pytest.CaptureFixture[str]) -> None:
-    print_status(status("running", 600.0, heartbeat_age_s=STALLED_S + 600.0))
-    out = capsys.readouterr().out
-    assert "STALLED" in out
-    assert "running: 2 of 9 runs (0 invalid), time left unknown" in out
+def test_a_stalled_campaign_is_told_no_time() -> None:
+    lines = status_lines(status("running", 600.0, heartbeat_age_s=STALLED_S + 600.0))
+    assert lines[0] == "running: 2 of 9 runs (0 invalid), time left unknown"
+    assert "STALLED" in lines[1]
 
 
-def test_what_is_done_has_no_time_left(capsys: pytest.CaptureFixture[str]) -> None:
-    print_status(status("done"))
-    assert capsys.readouterr().out.splitlines()[0] == "done: 2 of 9 runs (0 invalid)"
+def test_what_is_done_has_no_time_left() -> None:
+    assert status_lines(status("done"))[0] == "done: 2 of 9 runs (0 invalid)"

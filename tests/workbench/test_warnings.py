@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rigctl.campaign.bundle.bundle import import_bundle
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.composition import opened_workbench
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.promise import warnings

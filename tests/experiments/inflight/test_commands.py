@@ -10,7 +10,7 @@ from rigctl import Campaign
 from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.campaign.store.store import Store
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.experiments.inflight.result.published import published

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from rigctl.cli import app
+from rigctl.cli.application import app
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.report.figures.inflight.figures import plates_of
 

@@ -1,4 +1,4 @@
-"""Progress and status of a campaign on a terminal. Progress goes to stderr, status to stdout."""
+"""Progress of a campaign on a terminal, on stderr."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from rigctl.campaign.session.heartbeat import STALLED_S
 from rigctl.report.quantities import duration
-from rigctl.report.tables.result_table import ResultTable, print_tables
-from rigctl.report.time_left import time_left
 
 
 class ProgressBar:
@@ -67,28 +64,3 @@ class ProgressBar:
                 highlight=False,
                 soft_wrap=True,
             )
-
-
-def repeats_line(repeated: Mapping[str, int]) -> str:
-    """How many runs were repeated and why; empty when none was."""
-    if not repeated:
-        return ""
-    why = ", ".join(f"{error} {count}" for error, count in repeated.items())
-    return f"{sum(repeated.values())} repeated after a fault ({why})"
-
-
-def print_status(status: Mapping[str, Any]) -> None:
-    """A campaign's status in two lines, and a third when runs were repeated."""
-    runs = f"{status['runs_done']} of {status['runs_planned']} runs ({status['runs_invalid']} invalid)"
-    lines = [", ".join(filter(None, [f"{status['state']}: {runs}", time_left(status)]))]
-    age_s = status.get("heartbeat_age_s")
-    if age_s is not None and age_s > STALLED_S:
-        lines.append(
-            f"STALLED: its process has given no sign of life for {duration(age_s)}; `rigctl stop RIG` stops the rig"
-        )
-    if status.get("killed"):
-        lines.append(
-            "its process is gone without a word; `rigctl stop RIG` brings the rig to rest, `rigctl resume` goes on"
-        )
-    lines += [str(status.get("step", "")), repeats_line(status.get("runs_repeated", {}))]
-    print_tables([ResultTable("", notes=list(filter(None, lines)))])
