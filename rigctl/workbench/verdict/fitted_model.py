@@ -146,7 +146,7 @@ class FittedModel:
         """P-value at most of what a projector has left of what an effect shows, less what others imitate of it."""
         wald = float(projector.left @ projector.left)
         basis = projector.left[:, None] / np.sqrt(max(wald, np.finfo(float).tiny))
-        rise = found_at_least(wald - imitated, wald)
+        rise = found_at_least(max(wald - imitated, 0.0), wald)
         return float(p_of(rise, max(self.model.owners.count(effect), 1), projector.dof_of(basis)))
 
     @cached_property
