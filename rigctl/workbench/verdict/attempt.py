@@ -55,7 +55,8 @@ class Scored:
 class Attempt(FittedModel):
     """One set of terms: see the module's first line. `seed` fixes the draws behind corrected p-values,
     `shapes` holds what attempts at the same observations share, `start` where to start from by parameter. With
-    `known` noise nothing is estimated: all models of a store's data are judged by one noise."""
+    `known` noise nothing is estimated: all models of a store's data are judged by one noise. A model that is `fitted`
+    in such a noise, or in a smaller model's, is not fitted again."""
 
     def __init__(
         self,
@@ -66,16 +67,17 @@ class Attempt(FittedModel):
         start: Mapping[str, float] | None = None,
         known: KnownNoise | None = None,
         held: frozenset[str] = frozenset(),
+        fitted: FittedModel | None = None,
     ) -> None:
         self.study = study
         self.terms = tuple(terms)
         self.seed = seed
-        model = study.model(self.terms)
+        model = study.model(self.terms) if fitted is None else fitted.model
         given = model.observations
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
         noise = None if known is None else known.noise_of(given)
-        first = fit_with_given_noise(model, start or {}, noise, held)
+        first = fitted or fit_with_given_noise(model, start or {}, noise, held)
         self._questions = Questions(study, model, first.result.values)
         self.family_of = families_of(study)
         self.generic = ({} if shapes is None else shapes).setdefault(id(given), Generic(given))

@@ -80,6 +80,7 @@ class Search:
         self._attempts: dict[str, Attempt] = {}
         self._shapes: dict[int, Generic] = {}
         self._values: dict[str, dict[str, float]] = {}
+        self._fits: dict[str, FittedModel] = {}
         self.given = tuple(terms)
         self.terms = self.given
         self.moves = [Move(self.given, None, ())]
@@ -95,25 +96,22 @@ class Search:
             # The last asked for is the last to go.
             self._attempts[key] = self._attempts.pop(key)
         else:
-            self.adopt(Attempt(self.study, terms, self.seed, self._shapes, self._start(terms), self._known))
+            start, fitted = self._start(terms), self._fits.pop(key, None)
+            self.adopt(Attempt(self.study, terms, self.seed, self._shapes, start, self._known, fitted=fitted))
         return self._attempts[key]
 
     def adopt(self, attempt: Attempt) -> None:
         """Keep a fitted model, and start others from it."""
+        names = {term.effect: _name(term) for term in attempt.terms}
         self._attempts[_key(attempt.terms)] = attempt
-        self._note(attempt.terms, attempt)
+        for owner, (name, value) in zip(attempt.model.owners, attempt.values.items(), strict=True):
+            self._values.setdefault(names.get(owner, ""), {})[name] = value
         self._forget()
 
     def _start(self, terms: Sequence[Term]) -> dict[str, float]:
         """Where to start from: another choice of the same effect is nowhere."""
         owners = ("", *map(_name, terms))
         return {name: value for owner in owners for name, value in self._values.get(owner, {}).items()}
-
-    def _note(self, terms: Sequence[Term], fitted: FittedModel) -> None:
-        """Where a model ended, others start."""
-        names = {term.effect: _name(term) for term in terms}
-        for owner, (name, value) in zip(fitted.model.owners, fitted.values.items(), strict=True):
-            self._values.setdefault(names.get(owner, ""), {})[name] = value
 
     def _forget(self) -> None:
         """Models of long tables that were not asked for lately: a fit is made again in less than a second or two."""
@@ -293,6 +291,7 @@ class Search:
 
     def _choose(self, attempt: Attempt) -> Term | None:
         """The most significant term; None when nothing in the catalogue is, or a plain shape explains it better."""
+        self._fits.clear()
         allowed = self._allowed(attempt, self.given)
         significant = [each for each in allowed if is_significant(attempt, each, self.alpha)]
         if not significant:
@@ -342,9 +341,8 @@ class Search:
         """The model with these terms in a noise that is given: less than an attempt, which goes on from there."""
         if (made := self._attempts.get(_key(terms))) is not None:
             return made
-        fitted = fit_with_given_noise(self.study.model(terms), self._start(terms), noise)
-        self._note(terms, fitted)
-        return fitted
+        self._fits[_key(terms)] = fit_with_given_noise(self.study.model(terms), self._start(terms), noise)
+        return self._fits[_key(terms)]
 
     def _is_improvement(self, attempt: Attempt, scored: Scored) -> bool:
         """Whether held-out data come out better with the candidate in, undecided counting as yes, and plain shapes
