@@ -67,7 +67,7 @@ def test_esc_leaves_a_form_and_a_search_and_no_change_is_lost_and_u_takes_it_bac
         await seat.type("x.toml")
         await seat.sees("exists; give another name")
         await seat.press("escape", "u")
-        assert entry.value == before
+        await seat.until(lambda: entry.value == before)
         await seat.press("5", "slash", "1", "escape", "1")
         await seat.sees("[1 Rig]")
 
