@@ -80,7 +80,7 @@ class Search:
         self._attempts: dict[str, Attempt] = {}
         self._shapes: dict[int, Generic] = {}
         self._values: dict[str, dict[str, float]] = {}
-        self._fits: dict[str, FittedModel] = {}
+        self._cheapest: dict[str, FittedModel] = {}
         self.given = tuple(terms)
         self.terms = self.given
         self.moves = [Move(self.given, None, ())]
@@ -96,7 +96,7 @@ class Search:
             # The last asked for is the last to go.
             self._attempts[key] = self._attempts.pop(key)
         else:
-            start, fitted = self._start(terms), self._fits.pop(key, None)
+            start, fitted = self._start(terms), self._cheapest.pop(key, None)
             self.adopt(Attempt(self.study, terms, self.seed, self._shapes, start, self._known, fitted=fitted))
         return self._attempts[key]
 
@@ -291,7 +291,6 @@ class Search:
 
     def _choose(self, attempt: Attempt) -> Term | None:
         """The most significant term; None when nothing in the catalogue is, or a plain shape explains it better."""
-        self._fits.clear()
         allowed = self._allowed(attempt, self.given)
         significant = [each for each in allowed if is_significant(attempt, each, self.alpha)]
         if not significant:
@@ -323,26 +322,29 @@ class Search:
         before, tried = attempt.chi2_with(attempt.noise), list[tuple[float, Scored]]()
         for each in options:
             least = before - found_at_most(each.score.statistic) + 2.0 * attempt.price(each)
-            if not tried or least < min(cost for cost, _ in tried):
-                tried.append((self._refitted_cost(attempt, each), each))
+            cheapest = min((cost for cost, _ in tried), default=float("inf"))
+            if least < cheapest or not tried:
+                tried.append((self._refitted_cost(attempt, each, cheapest), each))
         return tried
 
-    def _refitted_cost(self, attempt: Attempt, scored: Scored) -> float:
-        """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular."""
-        # One noise for all: the sigma of each model is its own guess.
+    def _refitted_cost(self, attempt: Attempt, scored: Scored, cheapest: float) -> float:
+        """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular.
+
+        A fit that costs less than the `cheapest` so far is kept for the whole model.
+        """
+        terms = joined(attempt.terms, scored.candidate.term)
         try:
-            fitted = self._fitted(joined(attempt.terms, scored.candidate.term), attempt.noise)
+            # One noise for all: the sigma of each model is its own guess.
+            fitted = self._attempts.get(_key(terms)) or fit_with_given_noise(
+                self.study.model(terms), self._start(terms), attempt.noise
+            )
         except UNFIT:
             return float("inf")
         # The price is in log evidence; twice that is the scale of chi-square.
-        return fitted.chi2_with(attempt.noise) + 2.0 * attempt.price(scored)
-
-    def _fitted(self, terms: Sequence[Term], noise: Noise) -> FittedModel:
-        """The model with these terms in a noise that is given: less than an attempt, which goes on from there."""
-        if (made := self._attempts.get(_key(terms))) is not None:
-            return made
-        self._fits[_key(terms)] = fit_with_given_noise(self.study.model(terms), self._start(terms), noise)
-        return self._fits[_key(terms)]
+        cost = fitted.chi2_with(attempt.noise) + 2.0 * attempt.price(scored)
+        if cost < cheapest:
+            self._cheapest = {_key(terms): fitted}
+        return cost
 
     def _is_improvement(self, attempt: Attempt, scored: Scored) -> bool:
         """Whether held-out data come out better with the candidate in, undecided counting as yes, and plain shapes
