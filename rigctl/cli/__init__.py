@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -23,6 +25,25 @@ TRACEBACK = "RIGCTL_TRACEBACK"
 def main() -> None:
     """Run a command; errors become one line on stderr and an exit status."""
     on_standard_streams()
+    if sys.argv[1:2] == ["console"]:
+        _at_once(_main)
+    _main()
+
+
+def _at_once(run: Callable[[], None]) -> NoReturn:
+    """Leave when it is over, whatever threads are at: the interpreter's end aborts one that is in compiled code."""
+    status: object = 0
+    try:
+        run()
+    except SystemExit as leaving:
+        status = leaving.code
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # the terminal may be gone
+            stream.flush()
+    os._exit(status if isinstance(status, int) else int(status is not None))
+
+
+def _main() -> None:
     try:
         _run(sys.argv[1:])
     except RigError as error:

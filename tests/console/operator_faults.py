@@ -38,6 +38,10 @@ ON_THE_WIRE = {
 }
 
 
+LOOKED_FOR = 80
+"""Letters of an alarm that are typed."""
+
+
 def on_the_wire(single: Single, directory: Path) -> str:
     """A campaign that meets one fault: every alarm of its store is on the screen, and how it ended."""
     small = SMALL_CAMPAIGNS[single.campaign]
@@ -58,7 +62,10 @@ def on_the_wire(single: Single, directory: Path) -> str:
         if not alarms:
             raise Wrong("nobody was told of the fault")
         operator.type("5", "w")
-        _says(operator, *alarms)
+        for alarm in alarms:
+            # By its words: a log may be longer than the screen.
+            operator.type("/", *alarm[:LOOKED_FOR], "\r")
+            _says(operator, alarm)
         operator.leaves()
     finally:
         operator.close()

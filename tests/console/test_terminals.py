@@ -106,3 +106,23 @@ def test_a_campaign_outlives_its_console_and_another_one_takes_it_over(
     for console in (second, third):
         console.type("q")
         assert console.ends() == 0
+
+
+@pytest.mark.parametrize(("told", "status"), [("", 0), ("raise RigError('the rig is not at rest')", 1)])
+def test_no_thread_holds_the_console_at_its_end(told: str, status: int) -> None:
+    """Nor aborts it: what watches a store may be in compiled code while the interpreter is taken down."""
+    code = (
+        "import sys, threading\n"
+        "import rigctl.console.start as console\n"
+        "from rigctl.cli import main\n"
+        "from rigctl.core.errors import RigError\n"
+        "def start(*_):\n"
+        "    threading.Thread(target=threading.Event().wait).start()\n"
+        f"    {told or 'pass'}\n"
+        "console.start = start\n"
+        "sys.argv = ['rigctl', 'console']\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == status
+    assert ("the rig is not at rest" in done.stderr) == (status != 0)
