@@ -38,7 +38,7 @@ ON_THE_WIRE = {
 }
 
 
-LOOKED_FOR = 80
+LOOKED_FOR = 60
 """Letters of an alarm that are typed."""
 
 
@@ -62,9 +62,10 @@ def on_the_wire(single: Single, directory: Path) -> str:
         if not alarms:
             raise Wrong("nobody was told of the fault")
         operator.type("5", "w")
-        for alarm in alarms:
-            # By its words: a log may be longer than the screen.
-            operator.type("/", *alarm[:LOOKED_FOR], "\r")
+        for alarm in dict.fromkeys(alarms):
+            # A log may be longer than the screen: what is not in sight is looked for by its last words.
+            if not _is_said(operator, alarm):
+                operator.type("/", *alarm[-LOOKED_FOR:], "\r")
             _says(operator, alarm)
         operator.leaves()
     finally:
@@ -194,5 +195,8 @@ def _stopped(operator: Operator, store: Path) -> None:
 def _says(operator: Operator, *said: str, within_s: float = 20.0) -> None:
     """Wait until all of it is on the screen, wherever its lines are broken."""
     for words in said:
-        wanted = "".join(words.split())
-        operator.until(lambda wanted=wanted: wanted in "".join(operator.text.split()), words, within_s)  # type: ignore[misc]
+        operator.until(lambda words=words: _is_said(operator, words), words, within_s)  # type: ignore[misc]
+
+
+def _is_said(operator: Operator, words: str) -> bool:
+    return "".join(words.split()) in "".join(operator.text.split())
