@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from rigctl.analysis.column_sums import LARGE
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.first_order import found_at_least
@@ -72,7 +73,8 @@ def simplest(fit: Fit, terms: Sequence[Term], term: Term, alpha: float) -> Term:
     Simpler is what has fewer parameters, one that was scanned for among them, then what comes first in the catalogue.
     """
     best = fit(terms)
-    if best is None or best.p_beside_others(term.effect) < RIVAL_LEVEL * alpha:
+    # In a long table the candidates cost more than the fit that they might spare.
+    if best is None or (len(best.left) <= LARGE and best.p_beside_others(term.effect) < RIVAL_LEVEL * alpha):
         return term
     others = tuple(each for each in terms if each != term)
     without = fit(others)
