@@ -93,6 +93,18 @@ def test_a_search_that_cannot_end_below_what_it_has_to_beat_is_left(made_up: Any
     assert not without
 
 
+def test_a_huge_term_that_the_rest_imitates_nearly_all_of_is_judged_by_a_fit(made_up: Any) -> None:
+    effects = made_up.catalogue()
+    lag = effects["lag"]
+    other = np.random.default_rng(6).standard_normal((144, 1))
+    effects["twin"] = lag + 0.1 * np.linalg.norm(lag) * other / np.linalg.norm(other)
+    study = made_up.study(5, {"lag": 400.0}, foreign=3.0 * effects["twin"][:, 0], effects=effects)
+    both = Attempt(study, (Term("lag"), Term("twin")))
+    assert both.p_without("lag") == 1.0
+    alone = Attempt(made_up.study(5, {"lag": 400.0}, effects=effects), (Term("lag"),))
+    assert alone.p_without("lag") < 1e-50
+
+
 def test_bounds() -> None:
     assert found_at_least(100.0, 120.0) == pytest.approx(60.0)
     # Of a huge statistic that others imitate nearly all of, first order says nothing.

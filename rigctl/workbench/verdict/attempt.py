@@ -176,7 +176,7 @@ class Attempt(FittedModel):
         scoring, there = Scoring(self, projector), {term.effect for term in self.terms}
         others = [groups for each, groups in self._questions.groups.items() if each not in there]
         most = max(map(scoring.most_explained, itertools.chain(*others)), default=0.0)
-        return self.p_of_shown(effect, projector, most)
+        return self.p_of_shown(effect, shown, projector, most)
 
     def dof_of(self, effect: str) -> float:
         """Degrees of freedom of the noise that the test of a candidate meets; infinite for what is none."""

@@ -140,13 +140,13 @@ class FittedModel:
         """
         shown, rest = self.shown(effect)
         projector = Projector(rest, shown, self.noise.dof, len(self.result.residuals), self.noise.between)
-        return self.p_of_shown(effect, projector)
+        return self.p_of_shown(effect, shown, projector)
 
-    def p_of_shown(self, effect: str, projector: Projector, imitated: float = 0.0) -> float:
+    def p_of_shown(self, effect: str, shown: FloatArray, projector: Projector, imitated: float = 0.0) -> float:
         """P-value at most of what a projector has left of what an effect shows, less what others imitate of it."""
         wald = float(projector.left @ projector.left)
         basis = projector.left[:, None] / np.sqrt(max(wald, np.finfo(float).tiny))
-        rise = found_at_least(max(wald - imitated, 0.0), wald)
+        rise = found_at_least(max(wald - imitated, 0.0), float(shown @ shown))
         return float(p_of(rise, max(self.model.owners.count(effect), 1), projector.dof_of(basis)))
 
     @cached_property
