@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from rigctl.analysis.column_sums import LARGE
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt, Scored
@@ -41,9 +43,10 @@ def substituted(fit: Fit, without: Attempt, rival: Scored, found: Scored, alpha:
 
 def _is_needed_beside(without: Attempt, rival: Scored, found: Scored, alpha: float) -> bool:
     """Whether what was found is significant beside the rival whatever a fit of both finds."""
-    beside = without.projector_with(without.columns(rival.candidate)).score(without.columns(found.candidate))
-    left = found_at_least(beside.statistic, found.score.statistic)
-    return float(p_of(left, beside.dimension, beside.dof)) < RIVAL_LEVEL * alpha
+    both = without.projector.score(np.hstack([without.columns(each.candidate) for each in (rival, found)]))
+    dimension = both.dimension - rival.score.dimension
+    left = found_at_least(max(both.statistic - rival.score.statistic, 0.0), found.score.statistic)
+    return dimension > 0 and float(p_of(left, dimension, both.dof)) < RIVAL_LEVEL * alpha
 
 
 def most_evident_first(attempt: Attempt, candidates: Sequence[Scored]) -> list[Scored]:
