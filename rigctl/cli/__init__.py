@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
@@ -25,18 +24,22 @@ TRACEBACK = "RIGCTL_TRACEBACK"
 def main() -> None:
     """Run a command; errors become one line on stderr and an exit status."""
     on_standard_streams()
-    if sys.argv[1:2] == ["console"]:
-        _at_once(_main)
-    _main()
-
-
-def _at_once(run: Callable[[], None]) -> NoReturn:
-    """Leave when it is over, whatever threads are at: the interpreter's end aborts one that is in compiled code."""
-    status: object = 0
     try:
-        run()
+        _main()
     except SystemExit as leaving:
-        status = leaving.code
+        _leave_console(leaving.code)
+        raise
+    _leave_console(0)
+
+
+def _leave_console(status: object) -> None:
+    """Leave at once where a console has run, whatever its threads are at.
+
+    The interpreter's end would abort one that is in compiled code.
+    """
+    module = sys.modules.get("rigctl.console.start")
+    if module is None or not module.HAS_RUN.is_set():
+        return
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # the terminal may be gone
             stream.flush()

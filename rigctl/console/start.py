@@ -18,6 +18,10 @@ LEAVE_S = 8.0
 """A console that has lost its terminal has stopped everything, and is gone, after so long."""
 
 
+HAS_RUN = threading.Event()
+"""Set when a console has been on the terminal: it leaves threads behind."""
+
+
 def start(place: Path | None, plugins: Sequence[Path]) -> None:
     """Run the console on this terminal until the operator quits; `ConfigError`, `DataError` before it is drawn.
 
@@ -32,6 +36,7 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
         )
     console = Console(place, plugins, leave_terminal=_leave_terminal)
     watch_terminal()
+    HAS_RUN.set()
     try:
         console.run()
     finally:

@@ -117,6 +117,7 @@ def test_no_thread_holds_the_console_at_its_end(told: str, status: int) -> None:
         "from rigctl.cli import main\n"
         "from rigctl.core.errors import RigError\n"
         "def start(*_):\n"
+        "    console.HAS_RUN.set()\n"
         "    threading.Thread(target=threading.Event().wait).start()\n"
         f"    {told or 'pass'}\n"
         "console.start = start\n"
