@@ -9,8 +9,8 @@ FAR_MOST = 2.0
 """Of a statistic of any size, what fits explain at most of all that is left."""
 
 _LEAST, _MOST = 0.6, 1.25
-"""Of a statistic up to there, what a fit finds at least and at most: in published tables 0.63 of what amplitudes say (in
-one case 0.50), and 1.16 of what a candidate promises."""
+"""Of a statistic up to there, what a fit finds at least and at most: in published tables 0.63 of what amplitudes say
+(in one case 0.50), and 1.16 of what a candidate promises."""
 
 _NEAR, _OF_THE_FIRST = 30.0, 0.25
 
