@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.lengths import lengths
 from rigctl.analysis.summed_columns import SummedScan
 from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray, IntArray
@@ -319,9 +320,9 @@ def _explained(functions: FloatArray, spanned: FloatArray, residual: FloatArray)
     """Square sum of the residual that functions explain beside the model."""
     outside = functions - spanned @ (spanned.T @ functions)
     # What the model spans leaves its rounding, which has a direction too.
-    beyond = np.linalg.norm(outside, axis=0) > SPANNED * np.linalg.norm(functions, axis=0)
+    beyond = lengths(outside) > SPANNED * lengths(functions)
     return float(np.sum((span_of(outside[:, beyond]).T @ residual) ** 2))
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+    return np.asarray(lengths(values) / np.sqrt(len(values)))

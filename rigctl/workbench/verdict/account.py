@@ -20,6 +20,7 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.rather_than_noise import breaks_level
 from rigctl.workbench.verdict.search import Search
+from rigctl.workbench.verdict.shared import Shared
 
 LEVEL = 0.01
 """What is significant at this level, over all trials together, does not count as noise."""
@@ -41,6 +42,7 @@ class Account:
     start: Mapping[str, float]
     _searches: dict[str, Search] = field(default_factory=dict, repr=False, compare=False)
     _plain: dict[str, Attempt] = field(default_factory=dict, repr=False, compare=False)
+    _shared: Shared = field(default_factory=Shared, repr=False, compare=False)
 
     def attempt(
         self,
@@ -55,7 +57,7 @@ class Account:
             return Attempt(study, terms, start=start, known=self.known, held=held)
         key = json.dumps([term.as_json() for term in terms], sort_keys=True)
         if key not in self._plain:
-            self._plain[key] = Attempt(study, terms, self.richest.seed, known=self.known)
+            self._plain[key] = Attempt(study, terms, self.richest.seed, self._shared, known=self.known)
         return self._plain[key]
 
     def search(
@@ -73,7 +75,8 @@ class Account:
         """
         key = json.dumps([[term.as_json() for term in terms], alpha, seed], sort_keys=True)
         if key not in self._searches:
-            search = Search(study, terms, alpha, seed, progress or (lambda _: None), self.known)
+            shared = self._shared if study is self.richest.study else None
+            search = Search(study, terms, alpha, seed, progress or (lambda _: None), self.known, shared)
             if fitted is not None:
                 search.adopt(fitted)
             if self.known is None:
@@ -115,39 +118,44 @@ def account_of(
 
 def _searched(study: Study, joint: Sequence[Term], seed: int, progress: Callable[[str], None] | None) -> Account:
     """The account of a model with these terms and what a search finds beside them."""
-    search = Search(study, joint, LEVEL, seed, progress or (lambda _: None))
+    shared = Shared()
+    search = Search(study, joint, LEVEL, seed, progress or (lambda _: None), shared=shared)
     first = search.attempt(search.given)
     if not first.estimator.from_scatter:
-        return Account(first, None, first.values)
+        return Account(first, None, first.values, _shared=shared)
     search.run()
-    account, sets = _recallable(study, joint, search.found, search, seed), [search.found]
+    account, sets = _recallable(study, joint, search.found, search, shared), [search.found]
     for _ in range(ROUNDS):
         again = account.search(study, joint, seed=seed, progress=progress, fitted=account.attempt(study, joint))
         # What is not needed beside the others is no part of the account, unless without it it is found again.
         if again.found == sets[-1] or (account.covers(again.found) and again.found in sets):
             break
-        account = _recallable(study, joint, again.found, again, seed)
+        account = _recallable(study, joint, again.found, again, shared)
         sets.append(again.found)
     return account
 
 
-def _recallable(study: Study, joint: Sequence[Term], found: Sequence[Term], search: Search, seed: int) -> Account:
+def _recallable(
+    study: Study, joint: Sequence[Term], found: Sequence[Term], search: Search, shared: Shared
+) -> Account:
     """The account of a model by way of its document: the same whether just made or kept in a store."""
     try:
         made = search.attempt((*joint, *found))
-        return recalled(study, _document(made.terms, made.values), seed)
+        return recalled(study, _document(made.terms, made.values), search.seed, shared)
     except UNFIT:
         # Fitted on the way, from where smaller models ended, but not from its own end: determined by a hair.
         if not found:
             raise
-        return _recallable(study, joint, found[:-1], search, seed)
+        return _recallable(study, joint, found[:-1], search, shared)
 
 
-def recalled(study: Study, document: Mapping[str, Any], seed: int = 0) -> Account:
+def recalled(study: Study, document: Mapping[str, Any], seed: int = 0, shared: Shared | None = None) -> Account:
     """The account that a store keeps."""
+    shared = shared or Shared()
     terms, start = [Term(each["effect"], each["choice"]) for each in document["terms"]], document["start"]
-    richest = Attempt(study, terms, seed, start=start)
-    return Account(richest, _known(richest) if richest.estimator.from_scatter else None, start)
+    richest = Attempt(study, terms, seed, shared, start=start)
+    known = _known(richest) if richest.estimator.from_scatter else None
+    return Account(richest, known, start, _shared=shared)
 
 
 def _document(terms: Sequence[Term], start: Mapping[str, float]) -> dict[str, Any]:

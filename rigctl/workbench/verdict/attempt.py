@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +18,7 @@ from rigctl.workbench.families import families_of
 from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, ScansWithin, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, fit_with_given_noise
-from rigctl.workbench.verdict.generic import Best, Generic
+from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise_alone import ChanceOfNoise, in_doubt
 from rigctl.workbench.verdict.noise_estimate import estimator_of, with_estimated_noise
@@ -28,6 +29,7 @@ from rigctl.workbench.verdict.rotated import FEW, Rotated
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
 from rigctl.workbench.verdict.score import Projector, Score, contained_at_most, corrected
 from rigctl.workbench.verdict.scoring import Scoring
+from rigctl.workbench.verdict.shared import Shared
 from rigctl.workbench.verdict.sketched import SketchedTrials
 from rigctl.workbench.verdict.trials import Family, Trials, trials
 
@@ -54,7 +56,7 @@ class Scored:
 
 class Attempt(FittedModel):
     """One set of terms: see the module's first line. `seed` fixes the draws behind corrected p-values,
-    `shapes` holds what attempts at the same observations share, `start` where to start from by parameter. With
+    `shared` holds what attempts with this study have in common, `start` where to start from by parameter. With
     `known` noise nothing is estimated: all models of a store's data are judged by one noise. A model that is `fitted`
     in such a noise, or in a smaller model's, is not fitted again."""
 
@@ -63,7 +65,7 @@ class Attempt(FittedModel):
         study: Study,
         terms: Sequence[Term],
         seed: int = 0,
-        shapes: dict[int, Generic] | None = None,
+        shared: Shared | None = None,
         start: Mapping[str, float] | None = None,
         known: KnownNoise | None = None,
         held: frozenset[str] = frozenset(),
@@ -80,7 +82,8 @@ class Attempt(FittedModel):
         first = fitted or fit_with_given_noise(model, start or {}, noise, held)
         self._questions = Questions(study, model, first.result.values)
         self.family_of = families_of(study)
-        self.generic = ({} if shapes is None else shapes).setdefault(id(given), Generic(given))
+        self._shared = shared or Shared()
+        self.generic = self._shared.generic(given)
         if known is not None and noise is not None:
             self.estimator, last = known.estimator, first
         else:
@@ -201,6 +204,15 @@ class Attempt(FittedModel):
     @cached_property
     def trials(self) -> Trials:
         """How many independent trials the catalogue amounts to, family by family."""
+        # Rows of priors do not follow the noise.
+        if len(self.left) > len(self.result.residuals):
+            return self._counted()
+        asked = json.dumps(
+            [self.seed, sorted(self.held), id(self.model.observations), *map(Term.as_json, self.terms)]
+        )
+        return self._shared.trials(asked, self.noise, self._counted)
+
+    def _counted(self) -> Trials:
         sketched = self._sketched
         if sketched is None:
             return trials({name: self.family(name) for name in self._families}, len(self.left), self.seed)
@@ -239,6 +251,8 @@ class Attempt(FittedModel):
 
     def _sketched_family(self, sketched: SketchedTrials, effects: Sequence[str]) -> Family:
         family = Family()
+        for effect in effects:
+            self._scored_groups(effect)  # makes the sketches with the columns: alone they would be made again
         for group in itertools.chain(*map(self._questions.of, effects)):
             scan = group[0].columns
             unit = self._scoring.unit_columns(scan)[0] if isinstance(scan, SummedScan) else None

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.lengths import lengths
 from rigctl.analysis.sketch import Sketch, sketch_of
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
@@ -24,7 +25,7 @@ SHAPE_DRAWS = 1000
 # Numbers drawn at most: 16 MB in single precision.
 _MANY = 1 << 22
 # Beyond, the columns of all shapes would take gigabytes: a few of them are made at a time, and not kept.
-_FEW_DATA, _TOGETHER = 20_000, 4
+_FEW_DATA, _TOGETHER = 20_000, 6
 _NONE = np.zeros((0, 0))
 _NO_SMALLER = 1e-12
 """P-values below are no longer compared: evidence is."""
@@ -183,14 +184,14 @@ class Generic:
         # Q is never made: on the rows of the series it is columns less B shadow, elsewhere B shadow alone.
         first = np.arange(len(second))
         columns, shadow = white[:, first], basis.T @ white[:, first]
-        columns, shadow, size = _unit(columns, shadow, np.linalg.norm(columns, axis=0))
+        columns, shadow, size = _unit(columns, shadow, lengths(columns))
         along = projector.left[where] @ columns
         statistic, dimension = along**2, (size > 0.0).astype(np.intp)
         pairs = np.flatnonzero(second >= 0)
         beside = white[:, second[pairs]]
         beside_shadow = basis.T @ beside
-        length = np.linalg.norm(beside, axis=0)
-        overlap = np.sum(columns[:, pairs] * beside, axis=0) - np.sum(shadow[:, pairs] * beside_shadow, axis=0)
+        length = lengths(beside)
+        overlap = np.einsum("nk,nk->k", columns[:, pairs], beside) - np.sum(shadow[:, pairs] * beside_shadow, axis=0)
         beside, beside_shadow, beside_size = _unit(
             beside - columns[:, pairs] * overlap, beside_shadow - shadow[:, pairs] * overlap, length
         )
@@ -248,7 +249,7 @@ def _strongest(statistics: FloatArray, dimensions: IntArray, p_values: FloatArra
 
 def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Columns whose part outside B has unit length, their shadows, and that length; zero where B imitates them."""
-    free = np.sum(columns**2, axis=0) - np.sum(shadow**2, axis=0)
+    free = np.einsum("nk,nk->k", columns, columns) - np.sum(shadow**2, axis=0)
     kept = free > (ABSORBED * size) ** 2
     scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, free, 1.0)), 0.0)
     return columns * scale, shadow * scale, np.where(kept, np.sqrt(np.abs(free)), 0.0)

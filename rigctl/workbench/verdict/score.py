@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from rigctl.analysis.decomposition import svd
+from rigctl.analysis.lengths import lengths
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.verdict.noise import orthonormal
 
@@ -73,9 +74,9 @@ class Projector:
     def score(self, columns: FloatArray) -> Score:
         """Of a candidate's whitened columns (n, d)."""
         # Parameters' units differ by powers of ten: everything below is in columns of unit length.
-        size = np.linalg.norm(columns, axis=0)
+        size = lengths(columns)
         free = self.free(columns)
-        keep = np.linalg.norm(free, axis=0) / np.where(size > 0.0, size, 1.0)
+        keep = lengths(free) / np.where(size > 0.0, size, 1.0)
         seen = np.flatnonzero(keep > ABSORBED)
         estimate, sigma = np.zeros(len(size)), np.full(len(size), np.inf)
         if not len(seen):

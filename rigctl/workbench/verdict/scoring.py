@@ -17,9 +17,7 @@ from rigctl.workbench.study import Candidate
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores, asked_along
 from rigctl.workbench.verdict.score import Projector, Score, p_of
-
-# Of a ratio of sigmas that is the same for all data but for their last digit.
-_ROUNDING = 1e-13
+from rigctl.workbench.verdict.shared import common_ratio
 
 
 class Scoring:
@@ -91,7 +89,7 @@ class Scoring:
     def unit_columns(self, scan: Scan | SummedScan) -> tuple[UnitColumns | SummedColumns, float]:
         """The whitened columns of a scan at unit length, and the factor by which they are longer than kept ones."""
         given = self._fitted.model.observations
-        scale = None if self._noise.factors else _common_ratio(given.sigma, self._noise.sigma)
+        scale = None if self._noise.factors else common_ratio(given.sigma, self._noise.sigma)
         if scale is None:
             return scan.whitened(self._noise, self._noise.whiten), 1.0
         # The same columns in every model, but for one factor.
@@ -118,9 +116,3 @@ def _places(choices: Sequence[Candidate]) -> IntArray:
     if isinstance(choices, ScanChoices):
         return choices.places
     return np.array([each.place for each in choices], dtype=np.intp)
-
-
-def _common_ratio(stated: FloatArray, estimated: FloatArray) -> float | None:
-    """The factor between given and estimated sigmas where it is the same for all; None where not."""
-    ratio = estimated / stated
-    return 1.0 / float(ratio[0]) if np.ptp(ratio) <= _ROUNDING * ratio[0] else None

@@ -21,12 +21,13 @@ from rigctl.workbench.verdict.beside_shapes import (
 from rigctl.workbench.verdict.choices import joined
 from rigctl.workbench.verdict.first_order import FAR_MOST, found_at_most, least_comparable
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise, held_out_ratio
-from rigctl.workbench.verdict.generic import Best, Generic
+from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.impossible import impossible_parameters
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.rather_than_noise import break_rather_than_noise
 from rigctl.workbench.verdict.score import p_of
+from rigctl.workbench.verdict.shared import Shared
 from rigctl.workbench.verdict.significance import (
     LINES_SHARE,
     corrected_for,
@@ -60,7 +61,8 @@ class Move:
 class Search:
     """A search from the given terms, which are never dropped; ends in `terms`.
 
-    With `known` noise every model is judged by it; else each by the noise that it leaves.
+    With `known` noise every model is judged by it; else each by the noise that it leaves. `shared` is what attempts
+    have in common, with those made elsewhere too.
     """
 
     def __init__(
@@ -71,6 +73,7 @@ class Search:
         seed: int,
         progress: Progress,
         known: KnownNoise | None = None,
+        shared: Shared | None = None,
     ) -> None:
         self.study = study
         self.alpha = alpha
@@ -78,7 +81,7 @@ class Search:
         self._progress = progress
         self._known = known
         self._attempts: dict[str, Attempt] = {}
-        self._shapes: dict[int, Generic] = {}
+        self._shared = shared or Shared()
         self._values: dict[str, dict[str, float]] = {}
         self._cheapest: dict[str, FittedModel] = {}
         self.given = tuple(terms)
@@ -97,7 +100,7 @@ class Search:
             self._attempts[key] = self._attempts.pop(key)
         else:
             start, fitted = self._start(terms), self._cheapest.pop(key, None)
-            self.adopt(Attempt(self.study, terms, self.seed, self._shapes, start, self._known, fitted=fitted))
+            self.adopt(Attempt(self.study, terms, self.seed, self._shared, start, self._known, fitted=fitted))
         return self._attempts[key]
 
     def adopt(self, attempt: Attempt) -> None:
@@ -267,9 +270,9 @@ class Search:
 
     def _without(self, effect: str, noise: Noise, price: float) -> Search:
         """The search with one effect barred, which may have taken the place of two others, to end below a price."""
-        detour = Search(self.study, self.given, self.alpha, self.seed, self._progress, self._known)
+        detour = Search(self.study, self.given, self.alpha, self.seed, self._progress, self._known, self._shared)
         # A model means the same in both searches: fits are shared.
-        detour._attempts, detour._shapes, detour._values = self._attempts, self._shapes, self._values
+        detour._attempts, detour._values = self._attempts, self._values
         detour._barred, detour._to_beat = effect, (noise, price)
         detour._climb()
         return detour

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.analysis.lengths import lengths
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
 
@@ -39,8 +40,7 @@ Part = tuple[IntArray, list[Shape], FloatArray, IntArray]
 def distinct(given: Observations, number: int, rows: IntArray, factors: Sequence[Factor]) -> Part:
     """The shapes of a series over its rows, made of some factors and of the angle."""
     shapes, columns, seconds = [], [], []
-    shared = [plain(given, rows, Shape(0, 0, power, covariate))[:, 0] for power, covariate in factors]
-    common = np.stack(shared, axis=1)
+    common = np.stack(list(_columns_of(given, rows, factors)), axis=1)
     if given.angle is None:
         shapes = [Shape(number, 0, power, covariate) for power, covariate in factors]
         return rows, shapes, normalised(common), np.full(len(shapes), -1, dtype=np.intp)
@@ -54,8 +54,8 @@ def distinct(given: Observations, number: int, rows: IntArray, factors: Sequence
         shapes += [Shape(number, harmonic, power, covariate) for power, covariate in factors]
     one, other = normalised(np.hstack(columns)), normalised(np.hstack(seconds))
     # With two angles only, cosine and sine are multiples of each other: one column then stands for both.
-    other = other - one * np.sum(one * other, axis=0)
-    length = np.linalg.norm(other, axis=0)
+    other = other - one * np.einsum("nk,nk->k", one, other)
+    length = lengths(other)
     paired = length > _SIDEWAYS
     seen = np.any(one != 0.0, axis=0) | paired
     # Where the cosine is nil at every set-point the sine takes its place.
@@ -100,35 +100,50 @@ def covariates_of(given: Observations, rows: IntArray) -> list[str]:
 
 def plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
     """Columns of one shape over the rows of its series, shape (rows, 1 or 2)."""
-    common = np.ones(len(rows))
-    if shape.covariate:
-        name, _, degree = shape.covariate.partition("^")
-        values = given.of_runs(name)[rows]
-        # Centred and of unit size: powers of years since 0 would be alike to the last digit.
-        common = _polynomial((values - values.mean()) / values.std(), int(degree or 1))
-    if shape.power and given.frequency is not None:
-        frequency = given.of_runs(given.frequency)[rows]
-        common = common * (frequency / frequency.mean()) ** shape.power
+    common = next(_columns_of(given, rows, [(shape.power, shape.covariate)]))
     if not shape.harmonic or given.angle is None:
         return np.asarray(common[:, None])
     angle = np.radians(shape.harmonic * given.of_runs(given.angle)[rows])
     return np.stack([common * np.cos(angle), common * np.sin(angle)], axis=1)
 
 
-def _polynomial(scaled: FloatArray, degree: int) -> FloatArray:
-    """The power of a scaled covariate, orthogonal to the lower powers, of unit rms."""
-    if degree == 1:
-        return scaled
-    before, power, size = np.zeros_like(scaled), np.ones_like(scaled), 0.0
-    # Three terms suffice (Stieltjes): what remains of lower powers is rounding.
-    for _ in range(degree):
-        following = (scaled - np.mean(scaled * power**2)) * power - size * before
-        size = float(np.sqrt(np.mean(following**2)))
-        before, power = power, following / size
-    return power
+def _columns_of(given: Observations, rows: IntArray, factors: Sequence[Factor]) -> Iterator[FloatArray]:
+    """The column (rows,) of each factor; the powers of one covariate together, as each needs those below it."""
+    powers: dict[str, _Powers] = {}
+    for power, covariate in factors:
+        column = np.ones(len(rows))
+        if covariate:
+            name, _, degree = covariate.partition("^")
+            if name not in powers:
+                powers[name] = _Powers(given.of_runs(name)[rows])
+            column = powers[name].of(int(degree or 1))
+        if power and given.frequency is not None:
+            frequency = given.of_runs(given.frequency)[rows]
+            column = column * (frequency / frequency.mean()) ** power
+        yield column
+
+
+class _Powers:
+    """Powers of a covariate, each orthogonal to those below it and of unit rms."""
+
+    def __init__(self, values: FloatArray) -> None:
+        # Centred and of unit size: powers of years since 0 would be alike to the last digit.
+        self._scaled = (values - values.mean()) / values.std()
+        self._made: list[FloatArray] = [np.ones(len(values)), self._scaled]
+        self._size = 1.0
+
+    def of(self, degree: int) -> FloatArray:
+        """One of them, (rows,)."""
+        while len(self._made) <= degree:
+            before, power = self._made[-2:]
+            # Three terms suffice (Stieltjes): what remains of lower powers is rounding.
+            following = (self._scaled - np.mean(self._scaled * power**2)) * power - self._size * before
+            self._size = float(np.sqrt(np.mean(following**2)))
+            self._made.append(following / self._size)
+        return self._made[degree]
 
 
 def normalised(columns: FloatArray) -> FloatArray:
     """Columns brought to unit length."""
-    size = np.linalg.norm(columns, axis=0)
+    size = lengths(columns)
     return np.asarray(columns / np.where(size > 0.0, size, 1.0))

@@ -43,19 +43,21 @@ def uneven_scatter(attempt: Attempt, alpha: float) -> tuple[UnevenScatter, ...]:
     if len(given.series) != 1 or not attempt.estimator.from_scatter or attempt.result.dof < LEAST_DOF:
         return ()
     numbers, words = _conditions(attempt)
-    asked, same_as = _in_different_orders(numbers)
-    unit, sigma, count = _Unit(attempt), np.ones(len(given.value)), len(asked) + len(words)
+    ranks, same_as = _in_different_orders(numbers)
+    unit, sigma, count = _Unit(attempt), np.ones(len(given.value)), len(ranks) + len(words)
     found: list[UnevenScatter] = []
-    while (asked or words) and len(found) < MOST:
+    while (ranks or words) and len(found) < MOST:
         size = np.abs(independent_residuals(attempt, sigma))
-        p_values = {name: _p_of_rank(asked[name], size) for name in asked}
-        p_values |= {name: _p_of_words(codes, size) for name, codes in words.items()}
+        of_size = _ranks(size)
+        p_values = {name: _p_of_rank(ranks[name], of_size) for name in ranks}
+        p_values |= {name: _p_of_words(codes, of_size) for name, codes in words.items()}
         along = min(p_values, key=lambda name: p_values[name])
         corrected = min(count * p_values[along], 1.0)
         if not corrected < alpha:
             break
         kind: type[_Law] | type[_Sizes] = _Sizes if along in words else _Law
-        values = (words if along in words else asked).pop(along)
+        values = words.pop(along) if along in words else numbers[along]
+        ranks.pop(along, None)
         law, before = kind(values, size), sigma
         for _ in range(ROUNDS):
             # Where readings scatter little, a fit that took all for equal is off by what others scatter.
@@ -116,13 +118,14 @@ def _is_stated(values: FloatArray, given: Observations) -> bool:
 
 
 def _in_different_orders(numbers: Mapping[str, FloatArray]) -> tuple[dict[str, FloatArray], dict[str, list[str]]]:
-    """Conditions without those that put the readings in the order of one before, and which these are."""
+    """Ranks by conditions without those that put the readings in the order of one before, and which these are."""
     kept: dict[str, FloatArray] = {}
     same_as: dict[str, list[str]] = {}
     for name, values in numbers.items():
-        first = next((each for each in kept if abs(_rank_correlation(kept[each], values)) > SAME_ORDER), None)
+        ranks = _ranks(values)
+        first = next((each for each in kept if abs(float(kept[each] @ ranks)) > SAME_ORDER), None)
         if first is None:
-            kept[name], same_as[name] = values, []
+            kept[name], same_as[name] = ranks, []
         else:
             same_as[first].append(name)
     return kept, same_as
@@ -136,22 +139,18 @@ def _ranks(values: FloatArray) -> FloatArray:
     return np.asarray(ranks / (float(np.linalg.norm(ranks)) or 1.0))
 
 
-def _rank_correlation(one: FloatArray, other: FloatArray) -> float:
-    return float(_ranks(one) @ _ranks(other))
-
-
-def _p_of_rank(values: FloatArray, size: FloatArray) -> float:
-    """Two-sided, by Student's t."""
-    correlation, dof = _rank_correlation(values, size), len(size) - 2
+def _p_of_rank(one: FloatArray, other: FloatArray) -> float:
+    """Of a rank correlation, two-sided, by Student's t."""
+    correlation, dof = float(one @ other), len(one) - 2
     t = abs(correlation) * np.sqrt(dof / max(1.0 - correlation**2, np.finfo(float).tiny))
     return float(2.0 * special.stdtr(dof, -t))
 
 
-def _p_of_words(codes: FloatArray, size: FloatArray) -> float:
+def _p_of_words(codes: FloatArray, ranks: FloatArray) -> float:
     """Of Kruskal and Wallis' statistic, by chi-square."""
     places = np.unique(codes, return_inverse=True)[1].ravel()
-    count, ranks = np.bincount(places), _ranks(size)
-    statistic = (len(size) - 1) * float(np.sum(np.bincount(places, ranks) ** 2 / count))
+    count = np.bincount(places)
+    statistic = (len(ranks) - 1) * float(np.sum(np.bincount(places, ranks) ** 2 / count))
     return float(special.chdtrc(len(count) - 1, statistic))
 
 
