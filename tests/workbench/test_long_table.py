@@ -59,7 +59,9 @@ def test_scores_are_those_of_the_columns(seed: int, terms: tuple[Term, ...], mon
             # Of two choices that are as good to a part in ten thousand either may be first.
             assert each.score.statistic == pytest.approx(same.score.statistic, rel=1e-4)
             continue
-        assert each.score.statistic == pytest.approx(same.score.statistic, rel=1e-9)
+        # What is far from significant is left as the sums over interpolated functions say.
+        doubtful = each.score.p_value < 1e-3
+        assert each.score.statistic == pytest.approx(same.score.statistic, rel=1e-9 if doubtful else 1e-6)
         assert each.score.p_value == pytest.approx(same.score.p_value, rel=1e-6)
         np.testing.assert_allclose(each.score.estimate, same.score.estimate, rtol=1e-6)
         np.testing.assert_allclose(each.score.sigma, same.score.sigma, rtol=1e-6)

@@ -40,6 +40,8 @@ REFINED_FROM = 0.05
 _SCAN_TOLERANCE = 1e-4
 # Of a candidate's square sum: with less of it in data of unsure noise its p-value stays.
 _PART = 1e-3
+# P-values of the strongest of many choices: those above are far from significant, to whatever digit.
+_JUDGED_BELOW = 1e-3
 # Degrees of freedom beyond which an estimated scale is as good as known.
 _WELL_KNOWN = 500.0
 # Of a cosine: six standard deviations of what a sketch of 2048 numbers says where it is 0.99.
@@ -155,10 +157,11 @@ class Attempt(FittedModel):
         best: Scored | None = None
         for group, scores in zip(self._questions.of(effect), self._scored_groups(effect), strict=True):
             if isinstance(scores, ScanScores):
-                chosen = group[scores.strongest]
-                # Of a long scan the sums find the choice, and the columns themselves judge it.
-                exact = not isinstance(chosen.columns, SummedScan)
-                strongest = [(chosen, scores.score(scores.strongest) if exact else self._scoring.of(chosen))]
+                chosen, score = group[scores.strongest], scores.score(scores.strongest)
+                # Of a long scan the sums find the choice, and the columns themselves judge what may be significant.
+                if isinstance(chosen.columns, SummedScan) and score.p_value < _JUDGED_BELOW:
+                    score = self._scoring.of(chosen)
+                strongest = [(chosen, score)]
             else:
                 strongest = list(zip(group, scores, strict=True))
             for candidate, score in strongest:
