@@ -73,7 +73,9 @@ def processor_s(program: str, word: str, state: str, keys: bytes = b"") -> float
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     took = Path(state) / "took"
     command = [sys.executable, "-c", program, word, str(took)]
-    env = dict(os.environ, TERM="xterm-256color", XDG_STATE_HOME=state)
+    # As installed: an index's installer compiles all modules, so none is compiled at a start.
+    env = dict(os.environ, TERM="xterm-256color", XDG_STATE_HOME=state, PYTHONPYCACHEPREFIX=f"{state}/compiled")
+    env.pop("PYTHONDONTWRITEBYTECODE", None)
     process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=env, start_new_session=True)
     os.close(theirs)
     os.write(ours, keys)
