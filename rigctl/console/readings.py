@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -78,6 +77,8 @@ class Strip:
 @lru_cache(maxsize=4)
 def toml_of(text: str) -> dict[str, Any]:
     """A file kept in a store, which was checked when it was put there."""
+    import tomllib  # none is read before the first paint
+
     return tomllib.loads(text)
 
 

@@ -18,7 +18,6 @@ from rigctl.console.widgets.pages import Page
 from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import Picture
 from rigctl.report.quantities import age
-from rigctl.report.time_left import time_left
 
 if TYPE_CHECKING:
     from rigctl.campaign.recording import RunRecord
@@ -107,6 +106,8 @@ class ProgressPage(Page):
         line.append("✗ STALLED " if stalled else f"{STATES.get(view.state, '?')} {view.state} ", style="bold")
         line.append(f" {self._told}")
         if view.alive:
+            from rigctl.report.time_left import time_left  # no campaign is watched before the first paint
+
             line.append(", time left unknown" if stalled else f", {time_left(view.status)}")
         line.append(f"  {view.status.get('step', '')}", style="dim")
         if vitals is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.console import Group
 from rich.text import Text
@@ -21,9 +21,9 @@ from rigctl.console.widgets.pages import Page, Pages
 from rigctl.console.widgets.plot import Plot
 from rigctl.console.writing import KINDS, OF_RESULTS
 from rigctl.report.picture import Picture
-from rigctl.report.tables.result_table import ResultTable, rich_table
-from rigctl.report.tables.workbench import transfer_table
-from rigctl.report.verdicts import transfer_sentence
+
+if TYPE_CHECKING:  # what writes tables is imported with the first table
+    from rigctl.report.tables.result_table import ResultTable
 
 NONE_YET = "No result yet: f works it out from the store that is open."
 
@@ -80,6 +80,9 @@ class ResultsPane(Vertical):
 
     def show_comparison(self, transfer: Mapping[str, Any]) -> None:
         """The keys of `with` in `rigctl compare --json`."""
+        from rigctl.report.tables.workbench import transfer_table
+        from rigctl.report.verdicts import transfer_sentence
+
         parts = (
             Text(f"with {transfer['store']}", style="dim"),
             Text(transfer_sentence(transfer)),
@@ -108,5 +111,7 @@ class ResultsPane(Vertical):
 
 
 def _drawn(table: ResultTable) -> Group:
+    from rigctl.report.tables.result_table import rich_table
+
     notes = [Text(note, style="dim") for note in table.notes]
     return Group(Text(table.title, style="bold"), rich_table(table, box=None, pad_edge=False), *notes, Text())

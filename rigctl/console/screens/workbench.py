@@ -22,10 +22,6 @@ from rigctl.console.widgets.plot import Plot
 from rigctl.console.writing import KINDS, OF_THE_WORKBENCH
 from rigctl.report.picture import MARKS, Line, Picture
 from rigctl.report.quantities import number, probability
-from rigctl.report.tables.result_table import rich_table
-from rigctl.report.tables.workbench import ladder_table, parameters_table
-from rigctl.report.terminal_workbench import runs_table
-from rigctl.report.verdicts import named, sizes, verdict_sentence
 
 if TYPE_CHECKING:
     from rigctl.core.arrays import FloatArray
@@ -123,6 +119,10 @@ class WorkbenchPane(Vertical):
 
     def show_fit(self, fit: Document) -> None:
         """`rigctl fit`."""
+        # What writes tables and sentences is imported with the first of them: the first paint needs none.
+        from rigctl.report.tables.result_table import rich_table
+        from rigctl.report.tables.workbench import parameters_table
+
         table = parameters_table(fit)
         shown = Group(*map(Text, table.notes), Text(), rich_table(table, box=None, pad_edge=False))
         self.query_one("#fit", Static).update(shown)
@@ -146,6 +146,8 @@ class WorkbenchPane(Vertical):
 
     def show_diagnosis(self, diagnosis: Document) -> None:
         """`rigctl diagnose`."""
+        from rigctl.report.verdicts import named, sizes, verdict_sentence
+
         self._suggested = list(diagnosis["suggested"])
         self._ranked = list(diagnosis["ranking"])
         text = Text(verdict_sentence(diagnosis))
@@ -177,6 +179,9 @@ class WorkbenchPane(Vertical):
 
     def show_history(self, rungs: Sequence[Document]) -> None:
         """`rigctl model history`."""
+        from rigctl.report.tables.result_table import rich_table
+        from rigctl.report.tables.workbench import ladder_table
+
         self.query_one("#ladder", Static).update(
             rich_table(ladder_table(rungs, results=False), box=None, pad_edge=False)
         )
@@ -194,6 +199,9 @@ class WorkbenchPane(Vertical):
 
     def show_next(self, recommendation: Document) -> None:
         """`rigctl next`."""
+        from rigctl.report.tables.result_table import rich_table
+        from rigctl.report.terminal_workbench import runs_table
+
         parts: list[RenderableType] = [Text(recommendation["description"])]
         if recommendation["runs"]:
             table = runs_table(recommendation["runs"])
@@ -233,6 +241,8 @@ class WorkbenchPane(Vertical):
     def _show_rank(self, row: int) -> None:
         if not 0 <= row < len(self._ranked):
             return
+        from rigctl.report.verdicts import sizes
+
         rank = self._ranked[row]
         equivalents = f"  cannot be told from {', '.join(rank['equivalent_to'])}" if rank["equivalent_to"] else ""
         fall = f"chi2 falls by {number(rank['chi2_fall'])}, {100 * rank['keep']:.0f} % of it by no other effect"
