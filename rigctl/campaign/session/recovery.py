@@ -137,7 +137,7 @@ class Recovery:
             self._control.bring_to_rest()
 
     def _bring_back(self, what: str, apparatus: Apparatus, *, agreed: bool) -> None:
-        since_s, lost = self._session.clock.now_s(), False
+        since_s, told, tries = self._session.clock.now_s(), "", 0
         for interval_s in itertools.chain(INTERVALS_S, itertools.repeat(INTERVALS_S[-1])):
             try:
                 self._reconnect(apparatus, agreed=agreed)
@@ -145,8 +145,11 @@ class Recovery:
                 # An abort disconnects instruments; the link errors that follow are no fault to recover from.
                 if self._control.aborted:
                     raise
-                lost = True
-                self._pause(fault, what, apparatus)
+                tries += 1
+                # What stays lost in the same way is told once, however often it is tried.
+                if str(fault) != told:
+                    told = str(fault)
+                    self._pause(fault, what, apparatus)
                 # An instrument that comes back may tell of a safety stop that was not known before.
                 agreed = self._agreed(fault)
                 if not agreed and self._session.clock.now_s() + interval_s > since_s + GIVE_UP_S:
@@ -156,8 +159,8 @@ class Recovery:
                 self._session.wait_s(interval_s)
             else:
                 break
-        if lost:
-            self._session.event(BACK, during=what, after_s=self._session.clock.now_s() - since_s)
+        if tries:
+            self._session.event(BACK, during=what, after_s=self._session.clock.now_s() - since_s, tries=tries)
             self._session.tell()
             self._progress.state("running")
 
