@@ -45,7 +45,8 @@ async def draw(store: Path, out: Path, size: tuple[int, int], theme: str, state:
         await seat.press("pageup")
         await picture("residuals", "residuals / σ")
         await seat.press("enter")
-        await picture("run", "accel_v / V")
+        # The first of its plots: 80 x 24 shows no more without scrolling.
+        await picture("run", "stage_x_mm / mm")
 
 
 def main() -> None:
