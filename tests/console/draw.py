@@ -41,7 +41,7 @@ async def draw(store: Path, out: Path, size: tuple[int, int], theme: str, state:
         await seat.press("4", "f")
         await picture("workbench", "theta0[", "model version 1")
         await seat.press("full_stop")
-        await seat.sees("residuals / σ", 120.0)
+        await seat.sees("residuals / σ, version", 120.0)
         await seat.press("pageup")
         await picture("residuals", "residuals / σ")
         await seat.press("enter")

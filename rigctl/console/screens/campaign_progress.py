@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -111,7 +112,7 @@ class ProgressPage(Page):
             line.append(", time left unknown" if stalled else f", {time_left(view.status)}")
         line.append(f"  {view.status.get('step', '')}", style="dim")
         if vitals is not None:
-            line.append(f"\n{_signs(vitals)}", style="dim")
+            line.append(f"\n{_signs(vitals, view.run_ended_s)}", style="dim")
         if line != self._line:
             self._line = line
             self.query_one("#progress-line", Static).update(line)
@@ -229,7 +230,15 @@ def _run_label(run: RunRecord) -> str:
     return label
 
 
-def _signs(vitals: Vitals) -> str:
+def _signs(vitals: Vitals, run_ended_s: float) -> str:
     beat_s, written_s = vitals.beat_age_s(), vitals.written_age_s()
+    if beat_s is None:
+        # When its file was written last says nothing: fits and marks come into it long after its campaign.
+        ended = (
+            "no run has ended"
+            if math.isnan(run_ended_s)
+            else f"last run ended {age(max(time.monotonic() - run_ended_s, 0.0))} ago"
+        )
+        return f"no process; {ended}"
     recorded = f"last recorded {age(written_s)} ago" if written_s is not None else "nothing recorded"
-    return f"heartbeat {age(beat_s)} ago, {recorded}" if beat_s is not None else f"no process; {recorded}"
+    return f"heartbeat {age(beat_s)} ago, {recorded}"
