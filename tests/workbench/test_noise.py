@@ -86,6 +86,52 @@ def test_whitening_undoes_colouring_and_leaves_unit_covariance(
     covariance[np.ix_(where, where)] = np.outer(sigma[where], sigma[where]) * (factor @ factor.T)
     np.testing.assert_allclose(noise.whiten(noise.whiten(covariance).T), np.eye(2 * count), atol=1e-9)
     np.testing.assert_allclose(noise.total_sigma() ** 2, np.diag(covariance), rtol=1e-9)
+    sums = rng.standard_normal((2 * count, 3))
+    np.testing.assert_allclose(noise.variance_of(sums), sums.T @ covariance @ sums, rtol=1e-9)
+    # What is white adds up to a variance of square sums of its weights.
+    np.testing.assert_allclose(noise.variance_of(noise.weights_of(sums)), sums.T @ sums, rtol=1e-7, atol=1e-9)
+
+
+def test_factors_that_share_data_are_undone_in_the_order_they_came() -> None:
+    rng, count = np.random.default_rng(5), 12
+    apart = np.abs(np.subtract.outer(np.arange(8.0), np.arange(8.0)))
+    slow = np.linalg.cholesky(np.eye(8) + 2.0 * np.exp(-apart / 3.0))
+    batch = np.linalg.cholesky(np.eye(6) + 0.5)
+    factors = ((np.arange(6), batch), (np.arange(2, 10), slow))
+    noise = Noise(rng.uniform(0.5, 2.0, count), np.full(count, np.inf), factors, ())
+    white, sums = rng.standard_normal((count, 4)), rng.standard_normal((count, 2))
+    np.testing.assert_allclose(noise.whiten(noise.colour(white)), white, atol=1e-10)
+    np.testing.assert_allclose(noise.weights_of(sums).T @ white, sums.T @ noise.whiten(white), atol=1e-10)
+    np.testing.assert_allclose(noise.variance_of(noise.weights_of(sums)), sums.T @ sums, atol=1e-10)
+
+
+def test_beside_a_fit_alone_noise_is_told_by_all_that_it_leaves() -> None:
+    """What might be hidden takes slow noise with it: beside the fit alone it is seen."""
+    count, rng = 36, np.random.default_rng(11)
+    powers = np.vander(np.linspace(-1.0, 1.0, count), 11, increasing=True)[:, 2:]
+    estimator = NoiseEstimator(readings(count), line(count), lambda _: [columns(powers)])
+    searched, told = [], []
+    slope = np.eye(2)[:, [1]]
+    for _ in range(40):
+        noisy = relaxing(rng, count, 12.0) + 0.3 * rng.standard_normal(count)
+        now = estimator.estimate(noisy)
+        beside = estimator.beside_fit(line(count), noisy, now)
+        assert beside is not None
+        weights = np.linalg.pinv(line(count)).T @ slope
+        searched.append(now.variance_of(weights)[0, 0])
+        told.append(beside.variance_of(weights)[0, 0])
+    apart = MINUTE * np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    true = np.exp(-apart / (12.0 * MINUTE)) + 0.09 * np.eye(count)
+    variance = float((weights.T @ true @ weights)[0, 0])
+    assert np.median(searched) < 0.5 * variance
+    # From some six slow degrees of freedom: known to a half in one draw, and the median of 40 to a tenth.
+    assert 0.6 * variance < np.median(told) < 1.4 * variance
+
+
+def test_noise_that_has_no_order_is_told_once() -> None:
+    estimator = NoiseEstimator(readings(order=None), line(120), nothing)
+    noisy = np.random.default_rng(2).standard_normal(120)
+    assert estimator.beside_fit(line(120), noisy, estimator.estimate(noisy)) is None
 
 
 def test_the_scale_of_white_noise_comes_out_with_the_scatter_of_chi_square() -> None:

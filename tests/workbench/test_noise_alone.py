@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -207,3 +209,22 @@ def test_units_are_put_back_as_they_were_taken_off() -> None:
     assert observed.offsets
     columns, where = rng.normal(size=(50, 3)), np.arange(50)
     assert from_units(observed, where, in_units(observed, where, columns)) == pytest.approx(columns, rel=1e-9)
+
+
+def test_a_slope_in_slow_noise_is_known_as_well_as_is_said(at_least: Any) -> None:
+    """The noise that a search finds is what is left beside all that might be hidden: it makes a slope too certain."""
+    spec = {"response": "flow", "baseline": "b0 + b1 * (day - 20)", "start": {"b0": 0.1, "b1": 0.1}, "order": "day"}
+    run, day, draws = RunRecord(READINGS, READINGS, "import", {}), np.arange(40.0), 80
+    within, searched = 0, 0
+    for seed in range(draws):
+        rng = np.random.default_rng([seed, 3])
+        flow = relaxing(seed, len(day), 0.95) + 0.3 * rng.normal(size=len(day))
+        given = {"flow": flow, "day": day, **{name: rng.normal(size=len(day)) for name in ("warm_c", "press_bar")}}
+        recording = Recording(Header("table", extra={"table": spec}), (run,), {READINGS: given}, ImportReport(1))
+        attempt = Attempt(TableStudy(recording), [])
+        slope = attempt.estimates()["b1"]
+        within += abs(slope.value) < 3.0 * slope.sigma
+        searched += abs(slope.value) < 3.0 * np.sqrt(attempt.result.covariance[1, 1])
+    # The slope is 0; t of some six degrees of freedom is beyond 3 in 2.4 %.
+    assert at_least(within, draws, 0.97)
+    assert searched < within

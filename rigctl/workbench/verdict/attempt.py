@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.known_noise import KnownNoise
+from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.noise_alone import ChanceOfNoise, in_doubt
 from rigctl.workbench.verdict.noise_estimate import estimator_of, with_estimated_noise
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
@@ -120,8 +121,21 @@ class Attempt(FittedModel):
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """How well the parameters are known; a place that was scanned for by the data only."""
-        return profiled(self, self.study) if isinstance(self.study, ScansWithin) else super().uncertainty
+        """How well the parameters are known; a place that was scanned for by the data only.
+
+        Noise that may be correlated is told anew beside the fit alone.
+        """
+        known = profiled(self, self.study) if isinstance(self.study, ScansWithin) else super().uncertainty
+        jacobian = self.model.jacobian(self.result.values)
+        noise = self.estimator.beside_fit(jacobian, self.unexplained(), self.noise)
+        return known if noise is None else replace(known, covariance=known.covariance + self._more_in(noise))
+
+    def _more_in(self, noise: Noise) -> FloatArray:
+        """By how much the covariance (m, m) of the parameters is larger in another noise than in the fit's own."""
+        covariance, data = self.result.covariance, len(self.result.residuals)
+        # An estimate is a sum of the whitened data, with these weights.
+        weights = self.noise.weights_of(self.jacobian[:data] @ covariance)
+        return np.asarray(noise.variance_of(weights) - self.noise.variance_of(weights))
 
     def columns(self, candidate: Candidate) -> FloatArray:
         """A candidate's whitened derivative with rows for the priors, shape (n + priors, d)."""

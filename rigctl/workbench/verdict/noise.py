@@ -75,9 +75,23 @@ class Noise:
     def colour(self, white: FloatArray) -> FloatArray:
         """The inverse of `whiten`: noise of this kind from independent numbers of unit variance."""
         coloured = white.copy()
-        for where, factor in self.factors:
+        for where, factor in reversed(self.factors):
             coloured[where] = factor @ coloured[where]
         return np.asarray(coloured * (self.sigma if white.ndim == 1 else self.sigma[:, None]), dtype=np.float64)
+
+    def variance_of(self, sums: FloatArray) -> FloatArray:
+        """Covariance (k, k) of sums of the data with weights (n, k)."""
+        spread = sums * self.sigma[:, None]
+        for where, factor in self.factors:
+            spread[where] = factor.T @ spread[where]
+        return np.asarray(spread.T @ spread)
+
+    def weights_of(self, white: FloatArray) -> FloatArray:
+        """W' columns (n, k): the weights of the data themselves in sums of whitened data."""
+        weights = white.copy()
+        for where, factor in reversed(self.factors):
+            weights[where] = solve_triangular(factor, weights[where], lower=True, trans="T", check_finite=False)
+        return np.asarray(weights / self.sigma[:, None], dtype=np.float64)
 
     def log_determinant(self) -> float:
         """Of the covariance."""

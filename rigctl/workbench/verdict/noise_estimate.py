@@ -21,7 +21,7 @@ from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.generic import Generic
 from rigctl.workbench.verdict.kernels import SlowNoise
 from rigctl.workbench.verdict.noise import Noise
-from rigctl.workbench.verdict.noise_pool import WHITE, Pool
+from rigctl.workbench.verdict.noise_pool import EVEN_ODDS, WHITE, Pool
 from rigctl.workbench.verdict.offsets import in_units, with_offsets
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding
 
@@ -116,6 +116,24 @@ class NoiseEstimator:
             slow += [law for law in [pool.slow(weighted)] if law is not None]
         noise = Noise(sigma, dof, tuple(factors), tuple(correlations), slow=tuple(slow))
         return with_offsets(self._given, noise)
+
+    def beside_fit(self, jacobian: FloatArray, residuals: FloatArray, now: Noise) -> Noise | None:
+        """The noise as what a fit leaves tells it beside nothing but the fit's own `jacobian` (n, m).
+
+        Of pools that may be correlated; all else is as `now`. None where no pool may, or too many data have decided.
+        What might be hidden takes most of what data know of slow noise with it: what is found beside it is a fair
+        measure to search with, but of a parameter that goes slowly it gives too small an uncertainty (decision 078).
+        """
+        asked = [pool for pool in self._pools if pool.correlated]
+        if not asked or not all(pool.is_small for pool in asked):
+            return None
+        sigma, factors = now.sigma.copy(), list(self._given.factors)
+        for pool in asked:
+            alone = Pool(self._given, pool.where, jacobian, lambda _: (), pool.order)
+            scale, weighted = alone.estimate(in_units(self._given, pool.where, residuals[pool.where]), EVEN_ODDS)
+            sigma[pool.where] = self._given.sigma[pool.where] * scale
+            factors += alone.factors(weighted)
+        return Noise(sigma, now.dof, tuple(factors), now.correlations)
 
     def as_if_white(self, residuals: FloatArray) -> Noise:
         """The noise if all scatter were white: what of `estimate` correlations along an order are left out of."""

@@ -28,7 +28,10 @@ LOG_RATIOS = (-7.0, 12.0)
 
 TIME_CONSTANTS = 6
 WHITE_ODDS = 3.0
-"""Prior odds of white noise over all correlated kinds together."""
+"""Prior odds of white noise over all correlated kinds together, where effects are searched for."""
+
+EVEN_ODDS = 1.0
+"""The same where a fitted parameter's uncertainty must not be too small (decision 078)."""
 
 # Its covariance is decomposed for every kernel, at a cost that grows as the cube.
 LARGEST_POOL = 400
@@ -75,10 +78,12 @@ class Pool:
         self._correlations = [each for trials in self._trials for each in trials.correlations]
         self._penalties = np.concatenate([trials.penalty for trials in self._trials])
 
-    def estimate(self, residuals: FloatArray) -> tuple[float, list[tuple[float, Correlation]]]:
+    def estimate(
+        self, residuals: FloatArray, white_odds: float = WHITE_ODDS
+    ) -> tuple[float, list[tuple[float, Correlation]]]:
         """Scale, and correlations with their weights, `residuals` in units of the given sigma.
 
-        Weights are restricted likelihoods; white noise is the likelier beforehand.
+        Weights are restricted likelihoods; white noise is `white_odds` times as likely beforehand as all other kinds.
         """
         if self._free <= 0:
             return 1.0, [(1.0, WHITE)]
@@ -89,7 +94,7 @@ class Pool:
         cost = self._free * np.log(rss) + self._penalties
         weight = np.exp(-0.5 * (cost - cost.min()))
         # The first trial is white noise; the others share what is left of the odds.
-        weight[1:] /= WHITE_ODDS * max(len(self._correlations) - 1, 1)
+        weight[1:] /= white_odds * max(len(self._correlations) - 1, 1)
         weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
         if len(self.where) > LARGEST_POOL:  # so many data have decided; sums of large matrices are not worth it
             weight = np.where(weight == weight.max(), weight, 0.0)
