@@ -11,6 +11,9 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
+# Programs that are started by the hundred, as tests do, are compiled once.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: setup wheel docs docs-figures certificates console-operator console-looks console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)

@@ -78,7 +78,7 @@ def covariates_of(given: Observations, rows: IntArray) -> list[str]:
     """Those that vary and are not collinear with others, with their powers; "" for none."""
     names = [""]
     used_up = given.angle is not None or given.frequency is not None
-    used = [given.of_runs(name)[rows] for name in (given.angle, given.frequency) if name is not None]
+    used = [_centred(given.of_runs(name)[rows]) for name in (given.angle, given.frequency) if name is not None]
     for name in (*given.covariates, *given.indicators):
         values = given.of_runs(name)[rows]
         if (
@@ -88,14 +88,22 @@ def covariates_of(given: Observations, rows: IntArray) -> list[str]:
             or np.ptp(values) <= 0.0
         ):
             continue
-        if any(np.ptp(each) > 0.0 and abs(np.corrcoef(values, each)[0, 1]) > _COPY for each in used):
+        centred = _centred(values)
+        if any(abs(centred @ each) > _COPY for each in used):
             continue
-        used.append(values)
+        used.append(centred)
         names.append(name)
         # No more than half as many powers as values: else they would go through every point.
         degrees = min(POLYNOMIAL if not used_up else 2, (len(np.unique(values)) - 1) // 2)
         names += [f"{name}^{degree}" for degree in range(2, degrees + 1)]
     return names
+
+
+def _centred(values: FloatArray) -> FloatArray:
+    """Less their mean and at unit length, so that products are correlations; zeros of what does not vary."""
+    centred = values - values.mean()
+    length = np.linalg.norm(centred)
+    return np.asarray(centred / length if np.ptp(values) > 0.0 else np.zeros_like(values))
 
 
 def plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
