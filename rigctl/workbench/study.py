@@ -6,6 +6,7 @@ one channel. The workbench works on these vectors and on derivatives with respec
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, runtime_checkable
@@ -119,6 +120,11 @@ class Term:
     def as_json(self) -> dict[str, Any]:
         """As a model version keeps it."""
         return {"effect": self.effect, "choice": dict(self.choice)}
+
+    @property
+    def key(self) -> str:
+        """The same for equal terms alone: a choice cannot be hashed."""
+        return json.dumps(self.as_json(), sort_keys=True)
 
 
 class Model(Protocol):

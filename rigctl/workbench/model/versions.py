@@ -223,7 +223,7 @@ def data_key(store: Store) -> str:
 
 def _data_key(store: Store, models: Sequence[Sequence[Term]]) -> str:
     # A set: neither the order of versions nor terms that several of them have make other noise.
-    terms = {json.dumps(term.as_json(), sort_keys=True) for terms in models for term in terms}
+    terms = {term.key for terms in models for term in terms}
     return hashlib.sha256(json.dumps([_code(), runs_key(store), sorted(terms)]).encode()).hexdigest()
 
 

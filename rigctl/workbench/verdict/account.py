@@ -9,8 +9,7 @@ promised of them holds once they are added.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,8 +39,8 @@ class Account:
     richest: Attempt
     known: KnownNoise | None
     start: Mapping[str, float]
-    _searches: dict[str, Search] = field(default_factory=dict, repr=False, compare=False)
-    _plain: dict[str, Attempt] = field(default_factory=dict, repr=False, compare=False)
+    _searches: dict[Hashable, Search] = field(default_factory=dict, repr=False, compare=False)
+    _plain: dict[Hashable, Attempt] = field(default_factory=dict, repr=False, compare=False)
     _shared: Shared = field(default_factory=Shared, repr=False, compare=False)
 
     def attempt(
@@ -55,7 +54,7 @@ class Account:
         once: a search begins with it, and its scores and trials are those that a comparison asks for."""
         if start or held or study is not self.richest.study:
             return Attempt(study, terms, start=start, known=self.known, held=held)
-        key = json.dumps([term.as_json() for term in terms], sort_keys=True)
+        key = tuple(term.key for term in terms)
         if key not in self._plain:
             self._plain[key] = Attempt(study, terms, self.richest.seed, self._shared, known=self.known)
         return self._plain[key]
@@ -73,7 +72,7 @@ class Account:
 
         The search goes on from what was found when the noise was estimated. `fitted` is the model, where it is there.
         """
-        key = json.dumps([[term.as_json() for term in terms], alpha, seed], sort_keys=True)
+        key = (*(term.key for term in terms), alpha, seed)
         if key not in self._searches:
             shared = self._shared if study is self.richest.study else None
             search = Search(study, terms, alpha, seed, progress or (lambda _: None), self.known, shared)

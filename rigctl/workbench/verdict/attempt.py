@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -224,9 +223,7 @@ class Attempt(FittedModel):
         # Rows of priors do not follow the noise.
         if len(self.left) > len(self.result.residuals):
             return self._counted()
-        asked = json.dumps(
-            [self.seed, sorted(self.held), id(self.model.observations), *map(Term.as_json, self.terms)]
-        )
+        asked = (self.seed, self.held, id(self.model.observations), *(term.key for term in self.terms))
         return self._shared.trials(asked, self.noise, self._counted)
 
     def _counted(self) -> Trials:

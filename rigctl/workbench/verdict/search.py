@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import itertools
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -80,10 +79,10 @@ class Search:
         self.seed = seed
         self._progress = progress
         self._known = known
-        self._attempts: dict[str, Attempt] = {}
+        self._attempts: dict[tuple[str, ...], Attempt] = {}
         self._shared = shared or Shared()
         self._values: dict[str, dict[str, float]] = {}
-        self._cheapest: dict[str, FittedModel] = {}
+        self._cheapest: dict[tuple[str, ...], FittedModel] = {}
         self.given = tuple(terms)
         self.terms = self.given
         self.moves = [Move(self.given, None, ())]
@@ -105,7 +104,7 @@ class Search:
 
     def adopt(self, attempt: Attempt) -> None:
         """Keep a fitted model, and start others from it."""
-        names = {term.effect: _name(term) for term in attempt.terms}
+        names = {term.effect: term.key for term in attempt.terms}
         self._attempts[_key(attempt.terms)] = attempt
         for owner, (name, value) in zip(attempt.model.owners, attempt.values.items(), strict=True):
             self._values.setdefault(names.get(owner, ""), {})[name] = value
@@ -113,7 +112,7 @@ class Search:
 
     def _start(self, terms: Sequence[Term]) -> dict[str, float]:
         """Where to start from: another choice of the same effect is nowhere."""
-        owners = ("", *map(_name, terms))
+        owners = ("", *(term.key for term in terms))
         return {name: value for owner in owners for name, value in self._values.get(owner, {}).items()}
 
     def _forget(self) -> None:
@@ -405,9 +404,6 @@ class Search:
                 self.moves.append(Move(self.terms, line.term.effect, ()))
 
 
-def _name(term: Term) -> str:
-    return json.dumps(term.as_json(), sort_keys=True)
-
-
-def _key(terms: Sequence[Term]) -> str:
-    return json.dumps(sorted(map(_name, terms)))
+def _key(terms: Sequence[Term]) -> tuple[str, ...]:
+    """The same whatever their order."""
+    return tuple(sorted(term.key for term in terms))

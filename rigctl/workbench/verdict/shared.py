@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 
 import numpy as np
 
@@ -21,13 +21,13 @@ class Shared:
 
     def __init__(self) -> None:
         self._generic: dict[int, Generic] = {}
-        self._trials: dict[str, list[tuple[Noise, Trials]]] = {}
+        self._trials: dict[Hashable, list[tuple[Noise, Trials]]] = {}
 
     def generic(self, given: Observations) -> Generic:
         """The plain shapes of some observations."""
         return self._generic.setdefault(id(given), Generic(given))
 
-    def trials(self, asked: str, noise: Noise, count: Callable[[], Trials]) -> Trials:
+    def trials(self, asked: Hashable, noise: Noise, count: Callable[[], Trials]) -> Trials:
         """What `count` gives of the questions that are `asked`, once for all noise that differs by a factor: neither
         what a model spans nor what a candidate adds to it changes by that."""
         known = self._trials.setdefault(asked, [])
