@@ -1,19 +1,22 @@
 """The console's first paint, the stalls of its event loop while campaigns run, what a frame costs, and its memory.
 
-    python benchmarks/console.py [paint|live|night] ...
+    python benchmarks/console.py [paint|switch|watch|live|night] ...
 
 `paint`: processor time, of all threads, until STOP is written, and until the last screen has answered a key that was
-typed ahead, all five being there; relative to a bare textual application, started in the same way in turn. `live`:
-the screen Rig at 160 x 50, the rig held by the console, charts at 10 Hz, the event loop's lateness, and the processor
-time of its thread per frame, which tells more than lateness does where other work shares the computer. `night`:
-campaigns of the flight model one after the other at full virtual speed until two nights of rig time are over, watched
-all the while.
+typed ahead, all five being there; relative to a bare textual application, started in the same way in turn. `switch`:
+processor time from a key to another screen of a store of one axis, relative to that of an application without any
+content whose plain widgets are as many, as large and nested alike. `watch`: share of a core while nobody does
+anything, each screen in turn, of a store that is over and of a campaign in real time. `live`: the screen Rig at
+160 x 50, the rig held by the console, charts at 10 Hz, the event loop's lateness, and the processor time of its
+thread per frame, which tells more than lateness does where other work shares the computer. `night`: campaigns of the
+flight model one after the other at full virtual speed until two nights of rig time are over, watched all the while.
 """
 
 from __future__ import annotations
 
 import asyncio
 import fcntl
+import json
 import os
 import pty
 import resource
@@ -25,7 +28,7 @@ import sys
 import tempfile
 import termios
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -59,7 +62,43 @@ from rigctl.cli import main
 sys.argv = ['rigctl', 'console']
 main()
 """
+BARE_SCREENS = """
+import json, sys
+from textual.app import App
+from textual.containers import Container
+from textual.widgets import ContentSwitcher, Static
+class Rest(Static, can_focus=True):
+    pass
+def plain(of):
+    if of["children"]:
+        made = Container(*map(plain, of["children"]))
+        made.styles.layout = of["layout"]
+    else:
+        width, height = of["size"]
+        made = (Rest if of["focus"] else Static)("\\n".join(["." * width] * height), markup=False)
+    if of["shown"]:
+        made.styles.width, made.styles.height = of["size"]
+    made.display = of["shown"]
+    return made
+class Bare(App):
+    CSS = "Screen { overflow: hidden; } #title { dock: top; }"
+    BINDINGS = [(key, f"go('{key}')", key) for key in "12345"]
+    def compose(self):
+        yield Static("[1 ]", id="title", markup=False)
+        with ContentSwitcher(initial="s1"):
+            for number, screen in enumerate(json.loads(sys.argv[1])):
+                yield Container(plain(screen), id=f"s{number + 1}")
+    def action_go(self, key):
+        self.query_one(ContentSwitcher).current = f"s{key}"
+        self.query_one("#title", Static).update(f"[{key} ]")
+        self.screen.set_focus(next(iter(self.query_one(f"#s{key}").query(Rest)), None))
+Bare().run()
+"""
+"""Five screens of plain widgets, nested and as large as those it is told of; its title is the screen's key."""
+
 TIMES = 7
+SWITCHES = 15
+WATCHED_S = 10.0
 TICK_S = 0.005
 SHARES = (50, 99, 99.9, 100)
 LIVE_S, LIVE_MOVES = 30.0, 6
@@ -85,6 +124,55 @@ def processor_s(program: str, word: str, state: str, keys: bytes = b"") -> float
                 os.read(ours, 65536)
     os.close(ours)
     return float(took.read_text())
+
+
+class OnTerminal:
+    """A program on a terminal of 120 x 40, the keys it is sent and the processor time it takes."""
+
+    def __init__(self, state: str, *command: str) -> None:
+        self._ours, theirs = pty.openpty()
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
+        env = dict(os.environ, TERM="xterm-256color", XDG_STATE_HOME=state)
+        self._process = subprocess.Popen(
+            command, stdin=theirs, stdout=theirs, stderr=theirs, env=env, start_new_session=True
+        )
+        os.close(theirs)
+
+    def __enter__(self) -> OnTerminal:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        os.close(self._ours)
+
+    def press(self, keys: str, until: str, timeout_s: float = 60.0) -> None:
+        """Send keys, and wait until the screen has words that they bring."""
+        os.write(self._ours, keys.encode())
+        self.sees(until, timeout_s)
+
+    def sees(self, words: str, timeout_s: float = 60.0) -> None:
+        """Wait for words in what is written from now on."""
+        written, ends_s = b"", time.monotonic() + timeout_s
+        while words.encode() not in written:
+            if time.monotonic() > ends_s:
+                raise TimeoutError(f"{words!r} has not come: {written[-500:]!r}")
+            written += self._read(0.1)
+
+    def idle(self, for_s: float) -> None:
+        """Read what is written while nobody does anything."""
+        ends_s = time.monotonic() + for_s
+        while (left_s := ends_s - time.monotonic()) > 0.0:
+            self._read(left_s)
+
+    def _read(self, within_s: float) -> bytes:
+        return os.read(self._ours, 65536) if select.select([self._ours], [], [], within_s)[0] else b""
+
+    @property
+    def processor_s(self) -> float:
+        """Of all its threads so far, to a hundredth."""
+        fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @dataclass
@@ -197,11 +285,15 @@ async def night(directory: Path) -> None:
 
 def paint(directory: Path) -> None:
     """Ours and a bare application's, in turn; the first of each does not count."""
-    tried = {"bare textual": (BARE, "STOP"), "first paint": (OURS, "STOP"), "all screens": (OURS, "[5 Log]", b"5")}
+    tried = {
+        "bare textual": (BARE, "STOP", b""),
+        "first paint": (OURS, "STOP", b""),
+        "all screens": (OURS, "[5 Log]", b"5"),
+    }
     took_s: dict[str, list[float]] = {name: [] for name in tried}
     for number in range(TIMES + 1):
-        for name, (program, word, *keys) in tried.items():
-            seconds = processor_s(program, word, str(directory), *keys)
+        for name, (program, word, keys) in tried.items():
+            seconds = processor_s(program, word, str(directory), keys)
             if number:
                 took_s[name].append(seconds)
     bare = took_s["bare textual"]
@@ -211,12 +303,118 @@ def paint(directory: Path) -> None:
         print(f"{name:12} {median_s:.2f} s of processor, {ratio:.2f} of the bare one's ({best})", flush=True)
 
 
+RIGCTL = (sys.executable, "-m", "rigctl")
+ONE_AXIS = ROOT / "campaigns" / "one-axis.toml"
+
+
+async def trees(store: Path) -> list[Any]:
+    """The widgets of the five screens of a store, nested: what each is laid out as, its size, whether it is shown."""
+    from rigctl.console.app import Console
+
+    def tree(widget: Any) -> Any:
+        return {
+            "layout": "horizontal" if getattr(widget.styles.layout, "name", "") == "horizontal" else "vertical",
+            "size": list(widget.size),
+            "shown": bool(widget.display),
+            "focus": widget.has_focus,
+            "children": [tree(child) for child in widget.children],
+        }
+
+    found, app = [], Console(store)
+    async with app.run_test(size=(120, 40)) as pilot:
+        while app.keys_wait:
+            await pilot.pause(0.05)
+        for key, name in zip("12345", ("rig", "campaign", "results", "workbench", "log"), strict=True):
+            await pilot.press(key)
+            await pilot.pause(3.0)
+            found.append(tree(app.screen.query_one(f"#{name}")))
+    return found
+
+
+def switch(directory: Path) -> None:
+    """From key to screen, ours and a bare application's."""
+    store, state = directory / "one-axis.rig.sqlite", str(directory / "state")
+    subprocess.run([*RIGCTL, "run", ONE_AXIS, "--store", store, "--yes"], check=True, capture_output=True)
+    commands = {
+        "bare": (sys.executable, "-c", BARE_SCREENS, json.dumps(asyncio.run(trees(store)))),
+        "ours": (*RIGCTL, "console", str(store)),
+    }
+    took_ms: dict[str, list[list[float]]] = {name: [] for name in commands}
+    with ExitStack() as stack:
+        programs = {name: stack.enter_context(OnTerminal(state, *command)) for name, command in commands.items()}
+        for program in programs.values():
+            program.sees("[")
+            # Each screen once first, and what a store's opening works out.
+            for key in "54321":
+                program.press(key, f"[{key} ")
+            program.idle(10.0)
+        # In turn: how fast the computer is changes.
+        for _ in range(SWITCHES):
+            for name, program in programs.items():
+                took_ms[name].append([])
+                for key in "23451":
+                    begun_s = program.processor_s
+                    program.press(key, f"[{key} ")
+                    program.idle(0.2)  # what comes after the first paint is the switch's too
+                    took_ms[name][-1].append(1e3 * (program.processor_s - begun_s))
+    bare_ms = statistics.median(map(statistics.mean, took_ms["bare"]))
+    for name, rounds in took_ms.items():
+        median_ms = statistics.median(map(statistics.mean, rounds))
+        screens = " ".join(f"{statistics.mean(each):.0f}" for each in zip(*rounds, strict=True))
+        print(
+            f"{name}: {median_ms:.0f} ms of processor a switch, {median_ms / bare_ms:.2f} of the bare one's;"
+            f" to screens 2, 3, 4, 5, 1: {screens}",
+            flush=True,
+        )
+
+
+def watch(directory: Path) -> None:
+    """Of a core, while nobody does anything."""
+    over, state = directory / "over.rig.sqlite", str(directory / "state")
+    subprocess.run([*RIGCTL, "run", ONE_AXIS, "--store", over, "--yes"], check=True, capture_output=True)
+    shares_of(over, "a store that is over", state)
+    running, rig = directory / "running.rig.sqlite", directory / "real.toml"
+    rig.write_text((ROOT / "campaigns" / "isa-rig.toml").read_text().replace('clock = "virtual"', 'clock = "real"'))
+    campaign = subprocess.Popen(
+        [*RIGCTL, "run", ONE_AXIS, "--rig", rig, "--store", running, "--yes"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        while not running.exists():
+            time.sleep(0.2)
+        shares_of(running, "a campaign in real time", state)
+    finally:
+        campaign.kill()
+        campaign.wait()
+
+
+def shares_of(store: Path, name: str, state: str) -> None:
+    """Print the share of a core that each screen of a store takes."""
+    with OnTerminal(state, *RIGCTL, "console", str(store)) as program:
+        program.sees("[")
+        program.press("5", "[5 ")
+        program.idle(15.0)
+        shares = []
+        for key in "12345":
+            program.press(key, f"[{key} ")
+            program.idle(1.0)
+            begun_s = program.processor_s
+            program.idle(WATCHED_S)
+            shares.append(100.0 * (program.processor_s - begun_s) / WATCHED_S)
+    print(f"{name}: {' '.join(f'{share:.1f}' for share in shares)} % of a core on screens 1 to 5", flush=True)
+
+
 def main() -> None:
-    wanted = sys.argv[1:] or ["paint", "live", "night"]
+    wanted = sys.argv[1:] or ["paint", "switch", "watch", "live", "night"]
     with tempfile.TemporaryDirectory() as name:
         directory = Path(name)
         if "paint" in wanted:
             paint(directory)
+        if "switch" in wanted:
+            switch(directory)
+        if "watch" in wanted:
+            watch(directory)
         if "live" in wanted:
             asyncio.run(live(directory))
         if "night" in wanted:

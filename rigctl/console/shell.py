@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Coroutine, Sequence
 from functools import partial, wraps
 from pathlib import Path
@@ -11,7 +12,9 @@ from textual import work
 from textual.app import App, ComposeResult
 from textual.command import CommandPalette
 from textual.events import Resize
+from textual.reactive import Reactive
 from textual.screen import Screen
+from textual.widget import Widget
 from textual.widgets import ContentSwitcher, Static
 
 from rigctl.console import messages as say
@@ -43,6 +46,12 @@ P = ParamSpec("P")
 Window = TypeVar("Window", bound=App[None])
 
 SMALLEST = (80, 24)
+
+
+class Base(Screen[None]):
+    """What lies under all dialogs. Where the focus goes is drawn by the two widgets concerned, not by all of them."""
+
+    focused: Reactive[Widget | None] = Reactive(None, repaint=False)
 
 
 def while_running(show: Callable[Concatenate[Window, P], None]) -> Callable[Concatenate[Window, P], None]:
@@ -79,6 +88,7 @@ class Shell(OrderedKeys):
         self._plugins = plugins
         self._view: StoreView | None = None
         self._shown_view: StoreView | None = None
+        self._drawn: set[str] = set()
         self._holding = Holding(self.post_message, self.call_from_thread)
         self._feed = Feed(self.post_message)
         self._campaigns = Campaigns(self.post_message)
@@ -97,6 +107,10 @@ class Shell(OrderedKeys):
         self.stylesheet.set_variables(self.get_css_variables())
         dark = self.current_theme.dark
         self.update_classes({"-dark-mode": dark, "-light-mode": not dark, f"-theme-{theme}": True}, update=False)
+
+    def get_default_screen(self) -> Screen[None]:
+        """The one under all dialogs."""
+        return Base(id="_default")
 
     def compose(self) -> ComposeResult:
         """The frame: top line, tabs, alarms, where the screens will be, what is told, keys."""
@@ -122,6 +136,8 @@ class Shell(OrderedKeys):
         for screen in screens:
             screen.display = False
         await switcher.mount_all(screens)
+        # What is there now stays: a full collection, which walks through all of it, would hold a key up for 0.1 s.
+        gc.freeze()
 
     # Screens
 
@@ -133,9 +149,9 @@ class Shell(OrderedKeys):
         self._base.query_one(ContentSwitcher).current = name
         self._base.query_one(TabBar).current = name
         self.kept.screen = name
-        # So that the screen that is chosen is drawn, though the store has not changed.
-        self._shown_view = None
         self._focus_pane()
+        # With the screen, and not a tenth of a second after it: what is laid out once is painted once.
+        self._draw()
 
     def _focus_pane(self) -> None:
         """Keys belong to the screen that is shown: something on it has to have the focus, before the next key."""
@@ -161,8 +177,9 @@ class Shell(OrderedKeys):
             self._turned()
 
     def _turned(self) -> None:
-        self._shown_view = None
+        self._drawn.discard(self.kept.screen)
         self._focus_pane()
+        self._draw()
 
     def _pane(self, name: str) -> Any:
         return getattr(self._panes, name)
@@ -239,13 +256,22 @@ class Shell(OrderedKeys):
             self._panes.campaign.show_vitals(vitals)
         if current == "rig" and view is self._shown_view and (held or bench is None):
             self._panes.rig.show_ages(view)
-        if view is self._shown_view:
+        self._draw_store(current, view)
+
+    def _draw_store(self, current: str, view: StoreView) -> None:
+        """What the store tells, on the screen that is looked at and on those that may fall behind."""
+        fresh = view is not self._shown_view
+        if fresh:
+            self._shown_view, self._drawn = view, set()
+            self._panes.log.show_store(view)
+        # A screen that was not looked at while the store changed is drawn when it is.
+        if current in self._drawn:
             return
-        self._shown_view = view
-        if current == "rig" and (held or bench is None):
+        self._drawn.add(current)
+        if current == "rig" and (view.alive or self._holding.bench is None):
             self._panes.rig.show_store(view)
-        self._panes.campaign.show_store(view)
-        self._panes.log.show_store(view)
+        if fresh or current == "campaign":
+            self._panes.campaign.show_store(view)
 
     def _tell_alarms(self) -> None:
         """What is wrong now, and what is being worked out."""

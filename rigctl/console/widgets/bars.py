@@ -83,18 +83,18 @@ class TabBar(Horizontal):
     def compose(self) -> ComposeResult:
         """One label each."""
         for name in SCREENS:
-            yield Static(id=f"tab-{name}")
+            yield Static(self._label(name), id=f"tab-{name}")
 
-    def on_mount(self) -> None:
-        """Labels need to know which is shown."""
-        self.watch_current(self.current)
-
-    def watch_current(self, current: str) -> None:
+    def watch_current(self, before: str, current: str) -> None:
         """Mark it."""
-        for number, (name, title) in enumerate(SCREENS.items(), 1):
-            label = f"[{number} {title}]" if name == current else f" {number} {title} "
-            for tab in self.query(f"#tab-{name}").results(Static):
-                tab.update(Text(label, style="bold reverse" if name == current else ""))
+        for name in {before, current} if self.is_mounted else ():
+            # As wide as it was.
+            self.query_one(f"#tab-{name}", Static).update(self._label(name), layout=False)
+
+    def _label(self, name: str) -> Text:
+        number, title = list(SCREENS).index(name) + 1, SCREENS[name]
+        shown = name == self.current
+        return Text(f"[{number} {title}]" if shown else f" {number} {title} ", style="bold reverse" if shown else "")
 
     async def on_click(self, event: Click) -> None:
         """Show the screen that was clicked."""
