@@ -1,7 +1,8 @@
 """The fit of a model as a measurement result: what each source of noise does to what the experiment is for.
 
-Estimates are linear in the whitened data, p = C J' (W d), so that their covariance C falls into parts, one for each
-pool of noise with its own degrees of freedom, and one for priors.
+Estimates are linear in the whitened data, p = C J' (W d), so that their covariance falls into parts, one for each
+pool of noise with its own degrees of freedom, and one for priors. Where noise may be correlated, its part is that of
+the noise as it is told beside the fit alone.
 """
 
 from __future__ import annotations
@@ -80,8 +81,13 @@ def parameter_sources(attempt: Attempt) -> list[Source]:
     found = []
     for name, kind, rows, dof, origin in _rows(attempt):
         moved = covariance @ jacobian[rows].T if rows.dtype.kind in "iu" else covariance @ (rows @ jacobian).T
+        part = moved @ moved.T
+        if attempt.noise_beside_fit is not attempt.noise and rows.dtype.kind in "iu" and name != PRIORS:
+            weights = np.zeros_like(attempt.weights)
+            weights[rows] = attempt.weights[rows]
+            part = attempt.noise_beside_fit.variance_of(weights)
         # Readings have noise of their own each time, also where its size is stated.
-        found.append(Source(name, kind, moved @ moved.T, dof, origin=origin, common=name == PRIORS))
+        found.append(Source(name, kind, part, dof, origin=origin, common=name == PRIORS))
     for inputs, by_inputs in attempt.by_inputs:
         said = ", ".join(f"{u:.3g}" for u in np.sqrt(np.diag(inputs.covariance)))
         found.append(Source(", ".join(inputs.names), "B", by_inputs, inputs.dof, said, "constants of the baseline"))

@@ -194,7 +194,7 @@ def of_fit(told: Mapping[str, Any], attempt: Any) -> Account:
 def _pools(attempt: Any, wanted: Sequence[str], scale: np.ndarray) -> dict[str, tuple[np.ndarray, float]]:
     """Parts of parameters and degrees of freedom, by pools of noise and of what was known beforehand.
 
-    Of a linear fit p = C J' d, whitened data d with unit covariance: pool's part of C is C J_pool' J_pool C.
+    Of a linear fit p = C J' W d with data d, a pool's part is C J' W V W' J C, V what the fit tells of its noise.
     """
     jacobian = np.asarray(attempt.jacobian)
     free = np.flatnonzero(np.any(jacobian, axis=0))
@@ -205,7 +205,9 @@ def _pools(attempt: Any, wanted: Sequence[str], scale: np.ndarray) -> dict[str, 
     for number, pool in enumerate(given.pools):
         rows = np.flatnonzero(np.asarray(given.pool_of) == number)
         if len(rows):
-            found[f"noise of {pool.name}"] = jacobian[rows], float(np.min(attempt.noise.dof[rows]))
+            root = attempt.noise_beside_fit.colour(np.eye(data))[:, rows]
+            seen = attempt.noise.whiten(root).T @ jacobian[:data]
+            found[f"noise of {pool.name}"] = seen, float(np.min(attempt.noise.dof[rows]))
     if len(jacobian) > data:
         found["what was known beforehand"] = jacobian[data:], math.inf
     told = {}

@@ -12,11 +12,15 @@ from rigctl.composition import opened_workbench
 from rigctl.workbench import fit_measurement
 
 PONTIUS = Path(__file__).parents[2] / "examples" / "pontius"
+NILE = Path(__file__).parents[1] / "foreign" / "data" / "nile-ordered"
 
 
-def test_sources_add_up_to_the_covariance_of_the_fit(desk: Any) -> None:
-    assert desk.rigctl("import", PONTIUS, "--store", desk.store).status == 0
-    assert desk.rigctl("model", "add", desk.store, "power2[load_lb]").status == 0
+@pytest.mark.parametrize(("recording", "effects"), [(PONTIUS, ["power2[load_lb]"]), (NILE, [])])
+def test_sources_add_up_to_the_covariance_of_the_fit(desk: Any, recording: Path, effects: list[str]) -> None:
+    """Of the Nile by year too, whose noise may be correlated."""
+    assert desk.rigctl("import", recording, "--store", desk.store).status == 0
+    for effect in effects:
+        assert desk.rigctl("model", "add", desk.store, effect).status == 0
     with opened_workbench(desk.store, ()) as workbench:
         attempt = workbench.attempt(workbench.current)
         total = sum(each.covariance for each in fit_measurement.parameter_sources(attempt))

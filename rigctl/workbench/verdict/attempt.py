@@ -125,16 +125,21 @@ class Attempt(FittedModel):
         Noise that may be correlated is told anew beside the fit alone.
         """
         known = profiled(self, self.study) if isinstance(self.study, ScansWithin) else super().uncertainty
-        jacobian = self.model.jacobian(self.result.values)
-        noise = self.estimator.beside_fit(jacobian, self.unexplained(), self.noise)
-        return known if noise is None else replace(known, covariance=known.covariance + self._more_in(noise))
+        if self.noise_beside_fit is self.noise:
+            return known
+        more = self.noise_beside_fit.variance_of(self.weights) - self.noise.variance_of(self.weights)
+        return replace(known, covariance=known.covariance + more)
 
-    def _more_in(self, noise: Noise) -> FloatArray:
-        """By how much the covariance (m, m) of the parameters is larger in another noise than in the fit's own."""
-        covariance, data = self.result.covariance, len(self.result.residuals)
-        # An estimate is a sum of the whitened data, with these weights.
-        weights = self.noise.weights_of(self.jacobian[:data] @ covariance)
-        return np.asarray(noise.variance_of(weights) - self.noise.variance_of(weights))
+    @cached_property
+    def noise_beside_fit(self) -> Noise:
+        """The noise in which parameters are as uncertain as is said: `noise`, unless that may be correlated."""
+        jacobian = self.model.jacobian(self.result.values)
+        return self.estimator.beside_fit(jacobian, self.unexplained(), self.noise)
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Of the data in each estimate of a parameter, (n, m): to first order estimates are sums of the data."""
+        return self.noise.weights_of(self.jacobian[: len(self.result.residuals)] @ self.result.covariance)
 
     def columns(self, candidate: Candidate) -> FloatArray:
         """A candidate's whitened derivative with rows for the priors, shape (n + priors, d)."""

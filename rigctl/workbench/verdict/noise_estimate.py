@@ -117,16 +117,16 @@ class NoiseEstimator:
         noise = Noise(sigma, dof, tuple(factors), tuple(correlations), slow=tuple(slow))
         return with_offsets(self._given, noise)
 
-    def beside_fit(self, jacobian: FloatArray, residuals: FloatArray, now: Noise) -> Noise | None:
+    def beside_fit(self, jacobian: FloatArray, residuals: FloatArray, now: Noise) -> Noise:
         """The noise as what a fit leaves tells it beside nothing but the fit's own `jacobian` (n, m).
 
-        Of pools that may be correlated; all else is as `now`. None where no pool may, or too many data have decided.
+        Of pools that may be correlated; all else is as `now`, and all of it where none may or many data have told it.
         What might be hidden takes most of what data know of slow noise with it: what is found beside it is a fair
         measure to search with, but of a parameter that goes slowly it gives too small an uncertainty (decision 078).
         """
         asked = [pool for pool in self._pools if pool.correlated]
         if not asked or not all(pool.is_small for pool in asked):
-            return None
+            return now
         sigma, factors = now.sigma.copy(), list(self._given.factors)
         for pool in asked:
             alone = Pool(self._given, pool.where, jacobian, lambda _: (), pool.order)
