@@ -191,6 +191,19 @@ def of_fit(told: Mapping[str, Any], attempt: Any) -> Account:
     return Account(list(found), values, covariance, parts, {name: dof for name, (_, dof) in pools.items()})
 
 
+def of_calibration(told: Mapping[str, Any], fit: Mapping[str, Any], attempt: Any, runs: Sequence[Any]) -> Account:
+    """A calibration in orbit: what its fit says, session by session, and what no session sees."""
+    fitted = of_fit(fit, attempt)
+    named = {
+        f"noise of {run.run_id}": f"noise of session {run.conditions['session']} (run {run.run_id})" for run in runs
+    }
+    parts = {named.get(name, name): part for name, part in fitted.parts.items()}
+    dof = {named.get(name, name): of for name, of in fitted.dof.items()}
+    beyond = np.array([told["parameters"].get(name, {}).get("systematic", 0.0) for name in fitted.names])
+    parts["star tracker and coupling"], dof["star tracker and coupling"] = [beyond], math.inf
+    return Account(fitted.names, fitted.values, fitted.covariance + np.diag(beyond**2), parts, dof)
+
+
 def _pools(attempt: Any, wanted: Sequence[str], scale: np.ndarray) -> dict[str, tuple[np.ndarray, float]]:
     """Parts of parameters and degrees of freedom, by pools of noise and of what was known beforehand.
 

@@ -11,10 +11,13 @@ from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.campaign.store.store import Store
 from rigctl.cli.application import app
+from rigctl.composition import opened_workbench
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.experiments.inflight.result.published import published
 from rigctl.experiments.inflight.study import InflightStudy
+from rigctl.files.certificate_file import CertificateDetails
+from tests.certificate import recomputed
 
 STEP_S = 8.0
 STATED = {"value", "sigma", "unit", "systematic", "paper", "joint"}
@@ -66,6 +69,14 @@ def test_every_command_has_an_answer_and_the_model_grows(store, tmp_path):
     written = asked("report", store, "--out", tmp_path / "page.html", "--figures", tmp_path / "figures")["written"]
     assert any(path.endswith("estimates.csv") for path in written)
     assert "published" in CliRunner().invoke(app, ["result", str(store)]).stdout
+
+
+def test_every_number_of_its_certificate_is_recomputed(store, monkeypatch):
+    page, dcc = recomputed.issued(store, CertificateDetails(), monkeypatch)
+    with opened_workbench(store, ()) as workbench:
+        attempt, runs = workbench.attempt(workbench.current), list(workbench.store.runs())
+        account = recomputed.of_calibration(asked("result", store), asked("fit", store), attempt, runs)
+        assert recomputed.check(page, dcc, account) > 100
 
 
 def test_runs_are_reduced_once(store, monkeypatch):
