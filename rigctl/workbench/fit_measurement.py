@@ -2,7 +2,7 @@
 
 Estimates are linear in the whitened data, p = C J' (W d), so that their covariance falls into parts, one for each
 pool of noise with its own degrees of freedom, and one for priors. Where noise may be correlated, its part is that of
-the noise as it is told beside the fit alone.
+the noise as it is told beside what was found alone (decision 078).
 """
 
 from __future__ import annotations

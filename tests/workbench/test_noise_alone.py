@@ -228,3 +228,14 @@ def test_a_slope_in_slow_noise_is_known_as_well_as_is_said(at_least: Any) -> Non
     # The slope is 0; t of some six degrees of freedom is beyond 3 in 2.4 %.
     assert at_least(within, draws, 0.97)
     assert searched < within
+
+
+@pytest.mark.parametrize("shape", ["of the catalogue", "of none"])
+def test_what_is_hidden_is_no_noise_that_parameters_are_uncertain_by(shape: str) -> None:
+    """A slow signal that the model lacks would look like slow noise, and the level be uncertain by all of it."""
+    rng, day = np.random.default_rng(3), np.arange(80.0)
+    warm = np.cumsum(rng.normal(size=80)) + 20.0
+    hidden = warm - warm.mean() if shape == "of the catalogue" else np.where((day > 30.0) & (day < 50.0), 3.0, 0.0)
+    study = study_of(hidden + 0.3 * rng.normal(size=80), warm_c=warm)
+    attempt = account_of(study, [()]).attempt(study, ())
+    assert attempt.estimates()["b0"].sigma < 2.0 * np.sqrt(attempt.result.covariance[0, 0])

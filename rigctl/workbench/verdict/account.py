@@ -11,15 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any
+
+import numpy as np
 
 from rigctl.core.errors import UNFIT
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.known_noise import KnownNoise
+from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.rather_than_noise import breaks_level
 from rigctl.workbench.verdict.search import Search
 from rigctl.workbench.verdict.shared import Shared
+from rigctl.workbench.verdict.significance import significant_shape
 
 LEVEL = 0.01
 """What is significant at this level, over all trials together, does not count as noise."""
@@ -163,7 +168,14 @@ def _document(terms: Sequence[Term], start: Mapping[str, float]) -> dict[str, An
 
 def _known(richest: Attempt) -> KnownNoise:
     breaks = any(breaks_level(richest, term.effect) for term in richest.terms)
-    return KnownNoise(richest.noise, richest.estimator, richest.model.observations, breaks)
+    given = richest.model.observations
+    return KnownNoise(richest.noise, richest.estimator, given, cache(partial(_beside_fit, richest)), breaks)
+
+
+def _beside_fit(richest: Attempt) -> Noise:
+    """What parameters are uncertain by: what is hidden is no noise, whether an effect or a shape describes it."""
+    shape = significant_shape(richest, LEVEL)
+    return richest.noise_beside(np.zeros((len(richest.result.residuals), 0)) if shape is None else shape.columns)
 
 
 def _joint(study: Study, versions: Iterable[Sequence[Term]]) -> tuple[Term, ...]:

@@ -76,6 +76,7 @@ class Attempt(FittedModel):
         self.study = study
         self.terms = tuple(terms)
         self.seed = seed
+        self._known = known
         model = study.model(self.terms) if fitted is None else fitted.model
         given = model.observations
         if not len(given.value):
@@ -133,7 +134,14 @@ class Attempt(FittedModel):
     @cached_property
     def noise_beside_fit(self) -> Noise:
         """The noise in which parameters are as uncertain as is said: `noise`, unless that may be correlated."""
-        jacobian = self.model.jacobian(self.result.values)
+        told = None if self._known is None else self._known.beside_fit_of(self.model.observations)
+        if told is None:
+            return self.noise_beside(np.zeros((len(self.result.residuals), 0)))
+        return told
+
+    def noise_beside(self, columns: FloatArray) -> Noise:
+        """The same, told beside this fit and further columns (n, k)."""
+        jacobian = np.hstack([self.model.jacobian(self.result.values), columns])
         return self.estimator.beside_fit(jacobian, self.unexplained(), self.noise)
 
     @cached_property
