@@ -212,7 +212,10 @@ def _pools(attempt: Any, wanted: Sequence[str], scale: np.ndarray) -> dict[str, 
     jacobian = np.asarray(attempt.jacobian)
     free = np.flatnonzero(np.any(jacobian, axis=0))
     covariance = np.zeros((jacobian.shape[1],) * 2)
-    covariance[np.ix_(free, free)] = np.linalg.inv(jacobian[:, free].T @ jacobian[:, free])
+    # Of columns of unit length: their units differ by many powers of ten.
+    size = np.linalg.norm(jacobian[:, free], axis=0)
+    unit = jacobian[:, free] / size
+    covariance[np.ix_(free, free)] = np.linalg.inv(unit.T @ unit) / np.outer(size, size)
     given, data = attempt.model.observations, len(attempt.result.residuals)
     found: dict[str, tuple[np.ndarray, float]] = {}
     for number, pool in enumerate(given.pools):
@@ -225,7 +228,7 @@ def _pools(attempt: Any, wanted: Sequence[str], scale: np.ndarray) -> dict[str, 
         found["what was known beforehand"] = jacobian[data:], math.inf
     told = {}
     for name, (rows, dof) in found.items():
-        u = np.sqrt(np.diag(covariance @ rows.T @ rows @ covariance))
+        u = np.linalg.norm(rows @ covariance, axis=0)
         told[name] = (scale * u[[attempt.names.index(each) for each in wanted]], dof)
     return told
 
