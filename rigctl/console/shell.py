@@ -265,11 +265,13 @@ class Shell(OrderedKeys):
             self._shown_view, self._drawn = view, set()
             self._panes.log.show_store(view)
         # A screen that was not looked at while the store changed is drawn when it is.
-        if current in self._drawn:
+        ours = current == "rig" and not view.alive and self._holding.bench is not None
+        if current not in self._drawn and not ours:
+            self._drawn.add(current)
+            if current == "rig":
+                self._panes.rig.show_store(view)
+        elif not fresh:
             return
-        self._drawn.add(current)
-        if current == "rig" and (view.alive or self._holding.bench is None):
-            self._panes.rig.show_store(view)
         if fresh or current == "campaign":
             self._panes.campaign.show_store(view)
 

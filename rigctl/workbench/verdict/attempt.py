@@ -123,7 +123,7 @@ class Attempt(FittedModel):
     def uncertainty(self) -> Uncertainty:
         """How well the parameters are known; a place that was scanned for by the data only.
 
-        Noise that may be correlated is told anew beside the fit alone.
+        Noise that may be correlated is that told beside what the account found (decision 078).
         """
         known = profiled(self, self.study) if isinstance(self.study, ScansWithin) else super().uncertainty
         if self.noise_beside_fit is self.noise:
