@@ -13,7 +13,7 @@ from rigctl.core.making_safe import Rest
 from rigctl.report.quantities import duration
 
 if TYPE_CHECKING:
-    from rigctl.workbench.misfits import RunMisfit  # with scipy, which the first paint does not wait for
+    from rigctl.analysis.run_misfit import RunMisfit
 
 
 @dataclass(frozen=True)

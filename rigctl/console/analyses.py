@@ -15,10 +15,10 @@ from rigctl.core.errors import RigError
 from rigctl.report.quantities import duration
 
 if TYPE_CHECKING:
+    from rigctl.analysis.run_misfit import RunMisfit
     from rigctl.console.analyst import Analyst
     from rigctl.console.screens.panes import Panes
-    from rigctl.report.watch import Watch
-    from rigctl.workbench.misfits import RunMisfit
+    from rigctl.report.shown import Watch
 
 
 @dataclass

@@ -25,10 +25,11 @@ from rigctl.report.document import write_report
 from rigctl.report.drawn import DrawingForConsole, drawing_of
 from rigctl.report.figures.residuals import axis_label, residual_plate
 from rigctl.report.picture import Picture
-from rigctl.report.recorded_run import RecordedRun, recorded_run
+from rigctl.report.recorded_run import recorded_run
+from rigctl.report.shown import RecordedRun, Watch
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.report.verdicts import comparison_sentence
-from rigctl.report.watch import Watch, watch
+from rigctl.report.watch import watch
 from rigctl.workbench.draft import drafted
 from rigctl.workbench.verdict.covariates import distinct
 from rigctl.workbench.workbench import Workbench

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.report.picture import Line, Picture
 from rigctl.report.quantities import number
+from rigctl.report.shown import RecordedRun
 from rigctl.workbench.study import Observations
 from rigctl.workbench.workbench import Workbench
 
@@ -23,18 +23,6 @@ DRAWN = 4000
 """Stretches of a channel of which the least and the greatest value are kept: ten for each column of a terminal."""
 
 TIME = "t_s"
-
-
-@dataclass(frozen=True)
-class RecordedRun:
-    """What there is of a run; `can_be_marked` where a store keeps it as one."""
-
-    run_id: str
-    facts: tuple[str, ...]
-    pictures: tuple[Picture, ...]
-    valid: bool = True
-    reason: str = ""
-    can_be_marked: bool = True
 
 
 def recorded_run(workbench: Workbench, run_id: str) -> RecordedRun:

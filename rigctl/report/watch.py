@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.analysis.run_misfit import FAR_SIGMA, RunMisfit
 from rigctl.core.arrays import BoolArray
 from rigctl.core.errors import UNFIT
 from rigctl.report.drawn import DrawingOfProgress, drawing_of
 from rigctl.report.picture import Line, Picture
-from rigctl.workbench.misfits import FAR_SIGMA, RunMisfit, run_misfits
+from rigctl.report.shown import Watch
+from rigctl.workbench.misfits import run_misfits
 from rigctl.workbench.workbench import Workbench
-
-
-@dataclass(frozen=True)
-class Watch:
-    """Plots, the most telling first, and the runs that are far from the model."""
-
-    pictures: tuple[Picture, ...] = ()
-    far: tuple[RunMisfit, ...] = ()
 
 
 def watch(workbench: Workbench) -> Watch:

@@ -3,38 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.analysis.run_misfit import RunMisfit
 from rigctl.core.arrays import BoolArray, IntArray
 from rigctl.core.threads import one_thread
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.verdict.fitted_model import fit_with_given_noise
-
-FAR_SIGMA = 5.0
-"""Of ten thousand data that fit, one lies farther in one recording out of two hundred."""
 
 _FEWEST = 8
 """Fewer data tell no scatter of their own."""
 
 _OF_MEDIAN = 1.4826
 """The standard deviation of a normal distribution over its median of absolute deviations."""
-
-
-@dataclass(frozen=True)
-class RunMisfit:
-    """The datum of a run that lies farthest from the fitted model, `sigma` of its noise above or below it."""
-
-    run_id: str
-    sigma: float
-    channel: str
-    component: str
-
-    @property
-    def far(self) -> bool:
-        """Whether that is more than chance makes of a whole recording."""
-        return abs(self.sigma) > FAR_SIGMA
 
 
 @one_thread

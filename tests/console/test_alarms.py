@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from rigctl.analysis.run_misfit import RunMisfit
 from rigctl.campaign.recording import Header, RunRecord
 from rigctl.campaign.session import locks
 from rigctl.campaign.session.heartbeat import STALLED_S, beat
@@ -24,8 +25,7 @@ from rigctl.console.store_view import StoreView
 from rigctl.console.telling import Bell, Notes
 from rigctl.console.vitals import NOTHING_RECORDED_S, Vitals
 from rigctl.core.making_safe import Rest
-from rigctl.report.watch import Watch
-from rigctl.workbench.misfits import RunMisfit
+from rigctl.report.shown import Watch
 
 STORE = Path("night.rig.sqlite")
 RIG = '[instruments.oven]\nrole = "thermometer"\ndriver = "x"\naddress = "{address}"\n'

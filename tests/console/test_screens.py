@@ -205,6 +205,22 @@ def test_what_is_opened_is_shown(desk: Any, at_console: Any) -> None:
     at_console(sitting)
 
 
+def test_a_rig_that_is_given_free_leaves_its_screen_to_the_store(desk: Any, at_console: Any, measured: Path) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.sees("● ready")
+        await seat.opens(measured)
+        await seat.until(lambda: seat.app._view)
+        await seat.press("1")
+        await seat.sees("● ready")
+        recorded = f"run {seat.app._view.run_id}, t / s"
+        assert recorded not in seat.text
+        seat.app.action_release()
+        await seat.sees(recorded)
+        await seat.sees("recorded")
+
+    at_console(sitting, desk.directory / "rig.toml", size=(200, 60))
+
+
 def test_a_jog_starts_where_the_stage_is_and_not_where_the_screen_last_saw_it(
     desk: Any, at_console: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl.analysis.run_misfit import FAR_SIGMA, RunMisfit
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.report.watch import misfit_picture
-from rigctl.workbench.misfits import FAR_SIGMA, RunMisfit, run_misfits
+from rigctl.workbench.misfits import run_misfits
 from tests.workbench.conftest import RUNS
 
 DRAWS = 100

@@ -25,7 +25,7 @@ from rigctl.report.quantities import number, probability
 
 if TYPE_CHECKING:
     from rigctl.core.arrays import FloatArray
-    from rigctl.report.recorded_run import RecordedRun  # with what draws it, which the first paint does not wait for
+    from rigctl.report.shown import RecordedRun
 
 Document = Mapping[str, Any]
 MAX_SERIES = len(MARKS)
