@@ -6,6 +6,7 @@ import json
 import socket
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -189,16 +190,20 @@ def test_missing_files_and_directories_are_named(desk: Any) -> None:
     assert desk.left == set()
 
 
-def test_wrong_usage_is_status_2(desk: Any) -> None:
-    for arguments in (
-        ("run",),
-        ("run", "campaign.toml", "--sed", 1),
-        ("walk",),
-        ("run", "campaign.toml", "--seed", "x"),
-    ):
-        found = desk.rigctl(*arguments)
-        assert found.status == 2
-        assert "Traceback" not in found.err
+@pytest.mark.parametrize(
+    ("words", "facts"),
+    [
+        (["statu", "x"], ["rigctl: No such command 'statu'", "'status'", "`rigctl --help`"]),
+        (["status"], ["rigctl status: Missing argument 'STORE'", "`rigctl status --help`"]),
+        (["status", "a", "--foo"], ["rigctl status: No such option: --foo"]),
+        (["run", "x.toml", "--seed", "abc"], ["rigctl run: Invalid value for '--seed'", "'abc'"]),
+        (["model"], ["rigctl model: Missing command", "`rigctl model --help`"]),
+        (["model", "ad", "x"], ["rigctl model: No such command 'ad'", "'add'"]),
+    ],
+    ids=" ".join,
+)
+def test_wrong_usage_is_one_line_that_says_where_the_help_is(desk: Any, words: list[str], facts: list[str]) -> None:
+    desk.rigctl(*words).refused(2, *facts)
     assert desk.left == set()
 
 
@@ -468,11 +473,12 @@ EVERY_COMMAND = [
 
 
 def test_no_help_needs_what_the_commands_work_with() -> None:
-    """It is read from the source: a command's module is imported when the command is used."""
+    """It is read from the source, as are the manual and what shells complete: modules are imported when used."""
+    asked = [[*command, "--help"] for command in ([], *EVERY_COMMAND)] + [["man"], ["completion", "bash"]]
     code = (
         "import sys, typer.testing, rigctl.cli.application as cli\n"
-        f"for command in {[[], *EVERY_COMMAND]}:\n"
-        "    print(typer.testing.CliRunner().invoke(cli.app, [*command, '--help']).output)\n"
+        f"for words in {asked}:\n"
+        "    print(typer.testing.CliRunner().invoke(cli.app, words, catch_exceptions=False).output)\n"
         "print(sorted({name.split('.')[0] for name in sys.modules}))\n"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -533,3 +539,9 @@ def test_a_campaign_that_ends_while_it_is_asked_to_go_on_is_resumed(
     looks = iter([True])
     monkeypatch.setattr(requests, "is_running", lambda store: next(looks, False))
     assert desk.rigctl("resume", desk.store, "--json").json["status"]["state"] == "done"
+
+
+def test_it_says_which_it_is_and_without_words_what_it_can_do(desk: Any) -> None:
+    assert desk.rigctl("--version").out == f"rigctl {version('rigctl')}\n"
+    helped = desk.rigctl()
+    assert (helped.status, helped.out) == (0, desk.rigctl("--help").out)

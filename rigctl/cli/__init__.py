@@ -75,9 +75,22 @@ def _run(arguments: list[str]) -> None:
 
             start(Path(place[0]) if place else None, ())
         case _:
-            from rigctl.cli.application import app
+            _command(arguments or ["--help"])
 
-            app(standalone_mode=True)
+
+def _command(arguments: list[str]) -> None:
+    from typer.exceptions import TyperException
+
+    from rigctl.cli.application import app
+
+    try:
+        status = app(arguments, standalone_mode=False)
+    except TyperException as wrong:
+        context = getattr(wrong, "ctx", None)
+        command = "rigctl" if context is None else context.command_path
+        said = wrong.format_message().removesuffix(".")
+        _fail(f"{command}: {said}{'' if said.endswith('?') else ';'} `{command} --help` tells more", wrong.exit_code)
+    sys.exit(status if isinstance(status, int) else 0)
 
 
 def _status(error: RigError) -> int:

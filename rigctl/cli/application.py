@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import Annotated
 
 # Plain help: panels and colours take longer to import than all that a page of help needs.
 os.environ.setdefault("TYPER_USE_RICH", "0")
@@ -11,9 +12,21 @@ import typer
 
 from rigctl.cli.commands import Commands
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(cls=Commands, add_completion=False, pretty_exceptions_enable=False)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"rigctl {version('rigctl')}")
+        raise typer.Exit
 
 
 @app.callback()
-def rigctl() -> None:
+def rigctl(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Which this is.")
+    ] = False,
+) -> None:
     """Instrument control and model building for precision accelerometer calibration."""

@@ -95,8 +95,8 @@ def _docstrings(module: str) -> dict[str, str]:
 
 
 def _of_the_work(statement: ast.stmt) -> bool:
-    """Whether it imports what commands work with: all of this program but what declares arguments and options."""
-    return (
+    """Whether it is what commands work with: a class, or an import of this program but what declares arguments."""
+    return isinstance(statement, ast.ClassDef) or (
         isinstance(statement, ast.ImportFrom)
         and str(statement.module).split(".")[0] in ("rigctl", "drivers")
         and (statement.module != io.__name__)

@@ -12,7 +12,7 @@ from rigctl.composition import opened_workbench
 from rigctl.report.terminal_workbench import print_history, print_versions
 from rigctl.workbench.model.versions import current, remove_all
 
-app = typer.Typer(name="model", add_completion=False, no_args_is_help=True, help=__doc__)
+app = typer.Typer(name="model", add_completion=False, help=__doc__)
 
 Effects = Annotated[
     list[str], typer.Argument(metavar="EFFECT...", help="Ids of effects; `rigctl effects` lists them.")
