@@ -53,6 +53,29 @@ class Decay:
         return np.stack([np.ones_like(died), died, values[1] * died * T_S / time_s**2], axis=1)
 
 
+@dataclass
+class Notch:
+    """A size told in proportion to a time, which other readings know to lie beside 0.1 s if they know it."""
+
+    observations: Observations
+    terms = (Term("notch", {"time": 0.1}),)
+    units = ("1", "s")
+    owners = ("notch", "notch")
+    local = (False, False)
+    parameters = (Parameter("size", 0.0), Parameter("time", 0.1002, prior=Prior(0.1, 0.03)))
+    width = 1e-3
+
+    def predict(self, values: FloatArray) -> FloatArray:
+        size, log = float(values[0]), np.log(float(values[1]) / 0.1) / self.width
+        return np.array([size * float(values[1]), *np.full(143, np.exp(-0.5 * log**2))])
+
+    def jacobian(self, values: FloatArray) -> FloatArray:
+        size, time_s = map(float, values)
+        log = np.log(time_s / 0.1) / self.width
+        slope = -log / self.width / time_s * np.exp(-0.5 * log**2)
+        return np.vstack([[time_s, size], np.tile([0.0, slope], (143, 1))])
+
+
 class Scans:
     """A study that knows where the time is looked for."""
 
@@ -98,3 +121,24 @@ def test_an_interval_holds_the_truth_in_two_of_three(made_up: Any) -> None:
     assert len(held) > 40
     # Three standard deviations of a share of so many.
     assert np.mean(held) == pytest.approx(0.683, abs=3.0 * np.sqrt(0.217 / len(held)))
+
+
+@pytest.mark.parametrize(("depth", "is_known"), [(0.1, False), (0.5, True)])
+def test_a_narrow_minimum_is_no_knowledge_where_chi_square_goes_on_flat_beside_it(
+    made_up: Any, depth: float, is_known: bool
+) -> None:
+    """Chi-square falls by 143 depth^2 beside 0.1 s; everywhere else the size makes up for the time."""
+    readings = np.array([10.0, *np.full(143, depth)])
+    found = fit_with_given_noise(Notch(made_up.observations(readings)), {})
+    assert found.result.chi2 < 0.1
+    size, time_s = np.sqrt(np.diag(found.result.covariance))
+    assert time_s < 1e-4
+    honest = profiled(found, Scans())  # type: ignore[arg-type]
+    if is_known:
+        assert honest.intervals == {}
+        assert np.sqrt(np.diag(honest.covariance)) == pytest.approx([size, time_s])
+    else:
+        # From 0.05 to 3.2 s: the logarithm of each time is as likely as of another.
+        away_size, away_s = np.sqrt(np.diag(honest.covariance))
+        assert away_size > 5.0 * size
+        assert away_s > 0.5

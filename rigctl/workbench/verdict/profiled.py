@@ -35,24 +35,41 @@ _MOST_STEPS = 30
 def profiled(fitted: FittedModel, study: ScansWithin) -> Uncertainty:
     """The uncertainties of a fit, with those places profiled that its data leave open."""
     covariance, intervals = fitted.result.covariance.copy(), dict[int, tuple[float, float]]()
-    for place in _left_open(fitted):
-        found = list(_walk(fitted, place, _range(fitted, study, place)))
+    for place in _scanned(fitted):
+        narrow = _is_narrow(fitted, place)
+        if narrow and not _goes_on_flat(fitted, place):
+            continue
+        found = list(_walk(fitted, place, _range(fitted, study, place), narrow))
         covariance += _spread(fitted, found) - fitted.result.covariance
         intervals |= _intervals(fitted, found, place)
     return Uncertainty(covariance, intervals)
 
 
-def _left_open(fitted: FittedModel) -> list[int]:
-    """Scanned parameters that are free, and known to less than a part of their priors' sigmas."""
-    sigmas = np.sqrt(np.diag(fitted.result.covariance))
+def _scanned(fitted: FittedModel) -> list[int]:
+    """Scanned parameters that are free."""
     return [
         place
         for place, each in enumerate(fitted.model.parameters)
-        if each.name in fitted.scanned
-        and each.name not in fitted.held
-        and each.prior is not None
-        and sigmas[place] > ITS_OWN * each.prior.sigma
+        if each.name in fitted.scanned and each.name not in fitted.held and each.prior is not None
     ]
+
+
+def _is_narrow(fitted: FittedModel, place: int) -> bool:
+    """Whether the minimum is so narrow that the prior has next to no part in it."""
+    prior = fitted.model.parameters[place].prior
+    assert prior is not None
+    return bool(np.sqrt(fitted.result.covariance[place, place]) <= ITS_OWN * prior.sigma)
+
+
+def _goes_on_flat(fitted: FittedModel, place: int) -> bool:
+    """Whether the data leave room beside a narrow minimum: one that ends where the next sample comes in is as narrow
+    as that step, however little is known of the place."""
+    value, least = float(fitted.result.values[place]), fitted.result.chi2
+    for away in (-_LARGEST_STEP, _LARGEST_STEP):
+        beside = _fit_at(fitted, place, value * float(np.exp(away)), fitted.result.values)
+        if beside is not None and beside.chi2 <= least + _AWAY:
+            return True
+    return False
 
 
 def _range(fitted: FittedModel, study: ScansWithin, place: int) -> tuple[float, float]:
@@ -63,7 +80,9 @@ def _range(fitted: FittedModel, study: ScansWithin, place: int) -> tuple[float, 
     return min(low, value), max(high, value)
 
 
-def _walk(fitted: FittedModel, place: int, within: tuple[float, float]) -> Iterator[tuple[float, FitResult]]:
+def _walk(
+    fitted: FittedModel, place: int, within: tuple[float, float], narrow: bool
+) -> Iterator[tuple[float, FitResult]]:
     """Fits with the parameter set to values outwards on both sides, each with the length it stands for (of ln)."""
     value = float(fitted.result.values[place])
     if not value > 0.0:
@@ -75,7 +94,8 @@ def _walk(fitted: FittedModel, place: int, within: tuple[float, float]) -> Itera
         return
     yield first, there
     for way in (-1.0, 1.0):
-        log, step, start, least = float(np.log(value)), first, there.values, there.chi2
+        step = _LARGEST_STEP if narrow else first
+        log, start, least = float(np.log(value)), there.values, there.chi2
         for _ in range(_MOST_STEPS):
             log += way * step
             if not within[0] <= np.exp(log) <= within[1]:
