@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.residual_samples import STRETCH_S, THRESHOLD_SIGMA, RunScan, steadiness
 from rigctl.experiments.inflight.observe.reduction import ReducedStretch
 from rigctl.workbench.study import Line, Term
@@ -22,18 +23,23 @@ def pulses_in(scans: Sequence[RunScan]) -> Line | None:
     count = sum(len(each.pulses.at_s) for each in scans)
     if not count:
         return None
-    # Either sign counts.
-    expected = sum(each.pulses.trials for each in scans) * 2.0 * float(stats.norm.sf(THRESHOLD_SIGMA))
     amplitude = np.concatenate([np.abs(each.pulses.amplitude) for each in scans])
     sigma = np.concatenate([each.pulses.sigma for each in scans])
     largest, power = int(np.argmax(amplitude)), np.mean(amplitude**2)
     return _line(
         Term("glitches", {"threshold_sigma": THRESHOLD_SIGMA}),
         _quantity(amplitude[largest], amplitude[largest] / sigma[largest], "m/s2"),
-        float(stats.poisson.sf(count - 1, expected)),
+        _chance_of_pulses(scans, np.sort(sigma)[::-1]),
         amplitude=_quantity(np.sqrt(power), np.sqrt(power / (2.0 * count)), "m/s2"),
         number=_quantity(count, math.sqrt(count), "1"),
     )
+
+
+def _chance_of_pulses(scans: Sequence[RunScan], sigmas: FloatArray) -> float:
+    """How likely noise makes the k largest pulses as large as they are, for the k of which that is least likely."""
+    expected = [sum(each.pulses.by_chance(sigma) for each in scans) for sigma in sigmas.tolist()]
+    p_values = stats.poisson.sf(np.arange(len(sigmas)), expected)
+    return float(min(1.0, len(sigmas) * np.min(p_values)))
 
 
 def changing_level_in(scans: Sequence[RunScan]) -> Line | None:

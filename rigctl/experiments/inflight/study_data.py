@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -209,14 +209,13 @@ def run_scans(
 def packed_scan(scan: RunScan) -> Packed:
     """Everything."""
     pulses = scan.pulses
-    head = {"run_id": scan.run_id, "trials": pulses.trials, "peak": None if scan.peak is None else asdict(scan.peak)}
-    arrays = {"at_s": pulses.at_s, "amplitude": pulses.amplitude, "sigma": pulses.sigma}
-    return Packed(head, {**arrays, "levels": scan.levels, "level_at_s": scan.level_at_s})
+    head = {"run_id": scan.run_id, "peak": None if scan.peak is None else asdict(scan.peak)}
+    return Packed(head, {**vars(pulses), "levels": scan.levels, "level_at_s": scan.level_at_s})
 
 
 def unpacked_scan(kept: Packed) -> RunScan:
     """What `packed_scan` was given."""
     head, arrays = kept.head, kept.arrays
-    pulses = Pulses(arrays["at_s"], arrays["amplitude"], arrays["sigma"], head["trials"])
+    pulses = Pulses(**{each.name: arrays[each.name] for each in fields(Pulses)})
     peak = None if head["peak"] is None else Peak(**head["peak"])
     return RunScan(head["run_id"], pulses, peak, arrays["levels"], arrays["level_at_s"])

@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from rigctl.analysis.least_squares import least_squares
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import effect
 from rigctl.effects.plugins import Plugin
+from rigctl.experiments.inflight.model import residual_samples
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.model.residual_samples import steadiness
+from rigctl.experiments.inflight.observe.grid import Grid
 from rigctl.experiments.inflight.result.budget import calibration_budget, refitted
 from rigctl.experiments.inflight.result.result import calibration, systematic
 from rigctl.experiments.inflight.result.unseen import unseen_covariance
@@ -399,6 +402,23 @@ def test_a_run_that_is_louder_than_others_is_not_unsteady():
     swell = 1.0 + 0.5 * np.sin(2.0 * np.pi * np.arange(150) / 75.0)
     assert steadiness([each * swell for each in steady]).p_value < 1e-6
     assert steadiness([each[:2] for each in steady]) is None
+
+
+def test_noise_makes_as_many_large_pulses_as_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scatter about each place is known to a tenth, by the median of ten minutes: noise goes beyond 4.5 of it six
+    times as often as beyond 4.5 of its own sigma."""
+    monkeypatch.setattr(residual_samples, "THRESHOLD_SIGMA", 4.5)
+    rng, step_s, found, expected, normal = np.random.default_rng(6), 0.25, 0, 0.0, 0.0
+    t_s = step_s * np.arange(345_600)
+    grid = Grid(t_s, {}, np.ones(len(t_s), dtype=bool))
+    for _ in range(16):
+        noise = rng.standard_normal(len(t_s))
+        pulses = residual_samples._pulses(noise, grid, *residual_samples._density(noise, grid.present, 1.0 / step_s))
+        found += len(pulses.at_s)
+        expected += pulses.by_chance(4.5)
+        normal += float(np.sum(2.0 * norm.sf(4.5) * pulses.trials))
+    assert abs(found - expected) < 3.0 * np.sqrt(expected)
+    assert found - normal > 5.0 * np.sqrt(normal)
 
 
 def test_pulses_that_both_sensors_show_alike_along_x_are_found_across_it(flight):

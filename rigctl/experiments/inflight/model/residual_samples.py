@@ -18,8 +18,9 @@ from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import AFTER_S, NEEDED, raw_series
 from rigctl.experiments.inflight.observe.weights import taper, templates
 
-# By chance once in fifty calibrations: 2e-9 at each of ten million places.
 THRESHOLD_SIGMA = 6.0
+"""Weaker pulses are not looked at."""
+
 EDGE_S = 12.0
 """No pulse is looked for within this time of a gap or an end: there the filter cannot tell them apart."""
 
@@ -40,6 +41,9 @@ _HIGHEST = 0.45
 _PULSE_S = 60.0
 # Long beside a pulse, short beside an orbit, in the course of which noise may grow louder.
 _STEADY_S = 600.0
+_OF_A_MEDIAN = 1.36
+"""The relative variance of a sigma that is told by the median of n normal values is this over n."""
+
 _QUIETEST = 0.5
 """Of what a run's spectrum says: noise is no less than that at any time."""
 
@@ -47,12 +51,18 @@ _QUIETEST = 0.5
 @dataclass(frozen=True)
 class Pulses:
     """Pulses of one run: when they begin [s], their amplitudes [m/s2] in the difference along the axis that shows
-    them best, and how many sigmas they are; `trials` independent places were looked at."""
+    them best, and how many sigmas they are. Of each axis: `trials` independent places were looked at, and the scatter
+    about each place is known to so many degrees of freedom (axes,)."""
 
     at_s: FloatArray
     amplitude: FloatArray
     sigma: FloatArray
-    trials: float
+    trials: FloatArray
+    dof: FloatArray
+
+    def by_chance(self, sigma: float) -> float:
+        """How many as large as that, of either sign, noise makes in the run."""
+        return float(np.sum(self.trials * 2.0 * stats.t.sf(sigma, self.dof)))
 
 
 @dataclass(frozen=True)
@@ -208,14 +218,16 @@ def _pulses(left: FloatArray, grid: Grid, f_hz: FloatArray, density: FloatArray)
     peaks, _ = signal.find_peaks(np.abs(sigmas), height=THRESHOLD_SIGMA, distance=apart)
     band = np.abs(share * template)
     width_hz = float(np.sum(band) ** 2 / np.sum(band**2)) / (count * grid.step_s)
-    trials = 2.0 * width_hz * grid.duration_s
-    return Pulses(grid.t_s[peaks], estimate[peaks], np.abs(sigmas[peaks]), trials)
+    trials = np.array([2.0 * width_hz * grid.duration_s])
+    dof = np.array([width_hz * min(_STEADY_S, grid.duration_s) / _OF_A_MEDIAN])
+    return Pulses(grid.t_s[peaks], estimate[peaks], np.abs(sigmas[peaks]), trials, dof)
 
 
 def _combined(channels: Sequence[Pulses]) -> Pulses:
     """Of several channels: what hits all of them at once counts once, where it stands out most."""
-    at_s, amplitude, sigma = (
-        np.concatenate([getattr(each, name) for each in channels]) for name in ("at_s", "amplitude", "sigma")
+    at_s, amplitude, sigma, trials, dof = (
+        np.concatenate([getattr(each, name) for each in channels])
+        for name in ("at_s", "amplitude", "sigma", "trials", "dof")
     )
     # The strongest first; what lies within a pulse's length of it is the same pulse.
     kept: list[int] = []
@@ -223,7 +235,7 @@ def _combined(channels: Sequence[Pulses]) -> Pulses:
         if all(abs(at_s[place] - at_s[other]) > AFTER_S for other in kept):
             kept.append(int(place))
     kept.sort(key=lambda place: float(at_s[place]))
-    return Pulses(at_s[kept], amplitude[kept], sigma[kept], sum(each.trials for each in channels))
+    return Pulses(at_s[kept], amplitude[kept], sigma[kept], trials, dof)
 
 
 def _scale(sigmas: FloatArray, seen: BoolArray, count: int) -> FloatArray:
