@@ -5,6 +5,7 @@ Exit status: 0 done; 1 the work failed; 2 wrong usage or bad input; 130 aborted 
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from contextlib import suppress
@@ -71,6 +72,8 @@ def _run(arguments: list[str]) -> None:
     match arguments:
         # The operator waits for the frame with STOP: what reads command lines takes half as long to import as that.
         case ["console", *place] if len(place) <= 1 and not "".join(place).startswith("-"):
+            # Nothing that is made until all screens are there is garbage: the console collects from then on.
+            gc.disable()
             from rigctl.console.start import start
 
             start(Path(place[0]) if place else None, ())

@@ -138,6 +138,7 @@ class Shell(OrderedKeys):
         await switcher.mount_all(screens)
         # What is there now stays: a full collection, which walks through all of it, would hold a key up for 0.1 s.
         gc.freeze()
+        gc.enable()
 
     # Screens
 
