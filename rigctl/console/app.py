@@ -72,9 +72,8 @@ class Console(Shell):
         """Draw first."""
         # Textual's own handlers are in place by now.
         self._signals.enter_context(ended_by_signals(self._signalled))
-        self.screen.call_after_refresh(self._begin)
+        self.screen.call_after_refresh(lambda: self._beside("screens", self._begin()))
 
-    @work
     async def _begin(self) -> None:
         """The screens, then what is to be opened."""
         # Nothing of it is drawn before all of it is there.
@@ -168,10 +167,9 @@ class Console(Shell):
             self._panes.rig.show_opening(str(path))
             self._holding.take(path)
             return "rig"
-        self._show_campaign_file(path, text)
+        self._beside("campaign-file", self._show_campaign_file(path, text))
         return "campaign"
 
-    @work(exclusive=True, group="campaign-file")
     async def _show_campaign_file(self, path: Path, text: str) -> None:
         self.kept.campaign = str(path.absolute())
         await self._panes.campaign.show_file(path, text)

@@ -349,7 +349,16 @@ class Shell(OrderedKeys):
         return self.screen_stack[0]
 
     def _beside(self, group: str, work: Coroutine[Any, Any, None]) -> None:
-        self.run_worker(work, group=group, exclusive=group == "dry-run")
+        """Have it done while keys are read; of what concerns a file only the last."""
+        self.run_worker(self._unless_leaving(work), group=group, exclusive=group in {"dry-run", "campaign-file"})
+
+    async def _unless_leaving(self, work: Coroutine[Any, Any, None]) -> None:
+        """On the way out widgets go one by one: what comes too late to be shown may find any of them missing."""
+        try:
+            await work
+        except Exception:
+            if self.is_running:
+                raise
 
     def action_answer(self) -> None:
         """What the campaign asks."""

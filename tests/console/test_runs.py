@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,14 @@ from hypothesis import strategies as st
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
+from rigctl.console.screens.campaign_progress import ProgressPage
+from rigctl.console.widgets.pages import Page
 from rigctl.core.errors import DataError
 from rigctl.report.recorded_run import extremes, recorded_run
 
 SLOW_S = 90.0
-FOREIGN = Path(__file__).parents[1] / "foreign" / "data"
+ROOT = Path(__file__).parents[2]
+FOREIGN = ROOT / "tests" / "foreign" / "data"
 
 
 @pytest.fixture
@@ -117,3 +121,33 @@ def test_what_is_drawn_of_a_long_run_keeps_every_peak(count: int, stretches: int
     if np.isfinite(y).any():
         assert np.nanmax(shown_y) == np.nanmax(y)
         assert np.nanmin(shown_y) == np.nanmin(y)
+
+
+@pytest.mark.parametrize(("asked", "shown_on"), [("watched", "tab-progress"), ("dry_run", "tab-dry")])
+def test_what_is_found_while_the_console_leaves_is_not_shown(
+    asked: str, shown_on: str, store: Path, at_console: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late: list[str] = []
+
+    async def sitting(seat: Any) -> None:
+        leaving, analyst = asyncio.Event(), seat.app._analyses._analyst
+        ask = analyst.ask
+
+        async def ask_late(what: str, *arguments: Any, **options: Any) -> Any:
+            answer = await ask(what, *arguments, **options)
+            if what == asked:
+                late.append(what)
+                await leaving.wait()
+            return answer
+
+        monkeypatch.setattr(analyst, "ask", ask_late)
+        # A page goes after all that is on it.
+        gone = {"tab-progress": ProgressPage, "tab-dry": Page}[shown_on]
+        monkeypatch.setattr(gone, "on_unmount", lambda page: page.id == shown_on and leaving.set(), raising=False)
+        await seat.opens(store)
+        await seat.opens(ROOT / "campaigns" / "one-axis.toml")
+        await seat.press("2", "d")
+        await seat.until(lambda: late)
+
+    at_console(sitting)
+    assert late
