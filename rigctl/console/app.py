@@ -8,7 +8,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import ClassVar
 
-from textual import work
 from textual.binding import Binding, BindingType
 
 from rigctl.console import messages as say

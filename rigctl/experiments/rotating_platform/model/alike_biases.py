@@ -25,11 +25,13 @@ _MUCH_MORE_ALIKE = 0.5
 
 @dataclass(frozen=True)
 class AlikeBiases:
-    """A `size` of a curve in one channel with which biases are most alike, and the `levels` they have then (runs,);
-    `likelier` where these scatter much less than those of the size there was."""
+    """A `size` of a curve in one channel with which biases are most alike, the `levels` they have then (runs,), and
+    `gain`, by which accelerations are then larger; `likelier` where the levels scatter much less than those of the
+    size there was."""
 
     size: float
     levels: FloatArray
+    gain: float
     likelier: bool
 
 
@@ -48,17 +50,23 @@ def alike_biases(one: Placed, run: PlatformRuns, levels: FloatArray, size: float
     None where the runs do not tell.
     """
     numbers: IntArray = np.repeat(np.arange(len(levels)), [each.period.size for each in run.cells])
-    read = levels + size * _mean_by_run(run, numbers, _shape(one, run, run.along + run.signal))
-    found, alike = size, levels
+    straight = run.along + run.signal
+    added = size * _shape(one, run, straight)
+    reading, read = straight + added, levels + _mean_by_run(run, numbers, added)
     for _ in range(_ROUNDS):
-        curved = _mean_by_run(run, numbers, _shape(one, run, run.along + run.signal + (alike - levels)[numbers]))
+        shape = _shape(one, run, straight)
+        curved = _mean_by_run(run, numbers, shape)
         if len(levels) < _FEWEST_RUNS or not np.ptp(curved) > 1e-9 * np.abs(curved).max():
             return None
         slope, level = np.polyfit(curved - curved.mean(), read, 1)
         found, alike = float(slope), np.asarray(read - slope * curved)
+        # What was read is given, and with it the acceleration behind a curve: its gain too is another.
+        straight = reading - found * shape
         if not np.isfinite(level) or not np.abs(slope * curved).max() < np.abs(run.along + run.signal).max():
             return None
-    return AlikeBiases(found, alike, bool(np.std(alike) < _MUCH_MORE_ALIKE * np.std(levels)))
+    weight = _counts(run) * run.along
+    gain = float(weight @ (straight - alike[numbers]) / (weight @ run.along)) if weight.any() else 1.0
+    return AlikeBiases(found, alike, gain, bool(np.std(alike) < _MUCH_MORE_ALIKE * np.std(levels)))
 
 
 def _shape(one: Placed, run: PlatformRuns, signal: FloatArray) -> FloatArray:
@@ -67,11 +75,14 @@ def _shape(one: Placed, run: PlatformRuns, signal: FloatArray) -> FloatArray:
     return np.asarray(one.effect(run.at(signal=signal), **{argument: 1.0}))
 
 
+def _counts(run: PlatformRuns) -> FloatArray:
+    return np.concatenate([each.count for each in run.cells])
+
+
 def _mean_by_run(run: PlatformRuns, numbers: IntArray, values: FloatArray) -> FloatArray:
     """What a bias would be that does this: the mean over both stops, run by run."""
-    weight = np.concatenate([each.count for each in run.cells])
     at_stops = []
     for side in (True, False):
-        there = weight * ((run.cos >= 0.0) == side)
+        there = _counts(run) * ((run.cos >= 0.0) == side)
         at_stops.append(np.bincount(numbers, there * values) / np.maximum(np.bincount(numbers, there), 1e-300))
     return np.asarray(0.5 * (at_stops[0] + at_stops[1]))

@@ -122,9 +122,8 @@ class PlatformModel:
             for number, parameter in enumerate(each.parameters):
                 place = first + number
                 if (alike := self.alike_biases(values, each, parameter.channel, float(values[place]))) is not None:
-                    levels = self.recorded.places("bias", parameter.channel)
-                    changed = {place: alike.size, **dict(zip(levels, alike.levels.tolist(), strict=True))}
-                    found.append(OtherMinimum(changed, place, alike.likelier))
+                    there = alike_there(self.recorded, parameter.channel, values, alike)
+                    found.append(OtherMinimum({place: alike.size, **there}, place, alike.likelier))
             first += len(each.parameters)
         return found
 
@@ -203,6 +202,13 @@ def at_rest(recorded: Recorded, channel: str, values: FloatArray) -> PlatformRun
     return turned(run.at(a_z=a_z, a_y=a_y, signal=bias), 0.0)
 
 
+def alike_there(recorded: Recorded, channel: str, values: FloatArray, alike: AlikeBiases) -> dict[int, float]:
+    """The baseline's parameters of a channel, by place, where its biases are alike."""
+    along = (0, 1) if channel == "z" else (2,)
+    biases = zip(recorded.places("bias", channel), alike.levels.tolist(), strict=True)
+    return {place: alike.gain * float(values[place]) for place in along} | dict(biases)
+
+
 def slopes_at_zero(
     model: PlatformModel, values: FloatArray, one: Placed, sigma: FloatArray
 ) -> tuple[list[EffectParameter], FloatArray]:
@@ -240,7 +246,8 @@ def slopes_elsewhere(
         alike = model.alike_biases(values, one, each.channel, 0.0)
         sizes.append(0.0 if alike is None else alike.size)
         if alike is not None:
-            there[model.recorded.places("bias", each.channel)] = alike.levels
+            for place, value in alike_there(model.recorded, each.channel, values, alike).items():
+                there[place] = value
     if not any(sizes):
         return None
     wider = PlatformModel(model.recorded, [*model.placed, one], [*model.terms, one.term])
