@@ -64,9 +64,10 @@ def on_the_wire(single: Single, directory: Path) -> str:
         operator.type("5", "w")
         for alarm in dict.fromkeys(alarms):
             # A log may be longer than the screen: what is not in sight is looked for by its last words.
+            # Looked at once: the screen may still be on its way to what was searched for before.
             if not _is_said(operator, alarm):
                 operator.type("/", *alarm[-LOOKED_FOR:], "\r")
-            _says(operator, alarm)
+                _says(operator, alarm)
         operator.leaves()
     finally:
         operator.close()

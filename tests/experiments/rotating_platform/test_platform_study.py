@@ -137,6 +137,19 @@ def test_a_strong_square_is_found_at_its_own_minimum_and_not_at_its_mirror_image
     assert size.sigma < 10.0
 
 
+def test_a_square_that_makes_a_third_of_the_gain_of_the_bias_is_found_with_another_gain() -> None:
+    """Where biases are alike the accelerations are larger by a third: the gain of the tilts is another there too."""
+    large = {"scale_v_per_m_s2": 846.73, "amplifier": 1010.9, "bias_v": -1.8}
+    nature = PlatformSettings.model_validate(
+        {"kind": "rotating-platform", "seed": 23, "chain_a": large, "effects": {"quadratic": {"K2": 80.0}}}
+    )
+    found = diagnose(PlatformStudy(sampled(nature, RUNS)), ())
+    assert [term.effect for term in found.suggested] == ["quadratic"]
+    size = found.ranking[0].parameters["K2[z]"]
+    assert size.value == pytest.approx(80.0, abs=4.0 * size.sigma)
+    assert size.sigma < 10.0
+
+
 def test_a_bias_that_creeps_with_every_turn_and_snaps_back_after_seven_is_told_by_their_count() -> None:
     turned = 0
 
