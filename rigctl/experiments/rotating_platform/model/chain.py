@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import FloatArray, Int64Array, IntArray
 from rigctl.core.errors import ConfigError
-from rigctl.experiments.rotating_platform.model.motion import Motion, filter_delay_s, motion_of
+from rigctl.experiments.rotating_platform.model.motion import Motions, filter_delay_s, motion_of
 from rigctl.experiments.rotating_platform.observe.cells import BESIDE_S, Cells
 
 REFERENCE_C = 22.0
@@ -30,12 +30,13 @@ class Afterwards:
     """What turns leave behind in all cells, made once for each time or frequency: all models ask alike."""
 
     def __init__(self, cells: Sequence[Cells]) -> None:
-        def in_all(make: Callable[[Cells, float], FloatArray]) -> Callable[[float], FloatArray]:
-            return lru_cache(_MOST_KEPT)(lambda asked: np.concatenate([make(each, asked) for each in cells], axis=-1))
+        def kept(make: Callable[[float], FloatArray]) -> Callable[[float], FloatArray]:
+            return lru_cache(_MOST_KEPT)(make)
 
-        self.decay = in_all(_decay)
-        self.late = in_all(lambda each, delay_s: _about_turns(each, delay_s=delay_s))
-        self.ringing = in_all(lambda each, cutoff_hz: _about_turns(each, cutoff_hz=cutoff_hz))
+        followed = _followed(cells)
+        self.decay = kept(lambda time_s: np.concatenate([_decay(each, time_s) for each in cells]))
+        self.late = kept(lambda delay_s: _about_turns(followed, cells, delay_s=delay_s))
+        self.ringing = kept(lambda cutoff_hz: _about_turns(followed, cells, cutoff_hz=cutoff_hz))
 
 
 class AfterMotion(NamedTuple):
@@ -155,7 +156,7 @@ def off_stop(cells: Cells) -> FloatArray:
     """
     seen = cells.state[:, 3:5].T
     known = np.isin(cells.kind, list(_courses(cells))) & (cells.since_s < BESIDE_S)
-    return np.where(seen.any(axis=0) & known, _about_turns(cells)[:2], seen)
+    return np.where(seen.any(axis=0) & known, _about_turns(_followed([cells]), [cells])[:2], seen)
 
 
 def _decay(cells: Cells, time_s: float) -> FloatArray:
@@ -175,19 +176,66 @@ def _ends_s(cells: Cells) -> FloatArray:
     ends_s = np.zeros(len(cells.followed))
     for number, course in _courses(cells).items():
         motion = _motion(course.tobytes(), cells.turn_before, cells.sample_rate_hz)
-        ends_s[number] = motion.last_s if motion.of_a_law else 0.0
+        ends_s[number] = motion.last_s[0] if motion.of_a_law else 0.0
     return np.asarray(ends_s[cells.kind])
 
 
-def _about_turns(cells: Cells, delay_s: float = 0.0, cutoff_hz: float | None = None) -> FloatArray:
+@dataclass(frozen=True)
+class _Followed:
+    """Cells behind turns of one form that were sampled at one rate: their `rows` among all cells, which of the
+    `motions` each follows (`turn`), samples `since` its end and of the cell (`count`)."""
+
+    motions: Motions
+    rate_hz: float
+    rows: IntArray
+    turn: IntArray
+    since: Int64Array
+    count: FloatArray
+
+
+def _followed(cells: Sequence[Cells]) -> list[_Followed]:
+    """All cells behind a turn, so that turns alike are worked out at once."""
+    groups: dict[tuple[float, object], list[tuple[Motions, IntArray]]] = {}
+    since = np.concatenate([each.since for each in cells])
+    count = np.concatenate([each.count for each in cells])
+    first = 0
+    for each in cells:
+        for number, course in _courses(each).items():
+            motion = _motion(course.tobytes(), each.turn_before, each.sample_rate_hz)
+            rows = first + np.flatnonzero(each.kind == number)
+            groups.setdefault((each.sample_rate_hz, motion.form), []).append((motion, rows))
+        first += each.since.size
+    return [
+        _Followed(
+            Motions.stacked([motion for motion, _ in group]),
+            rate_hz,
+            rows := np.concatenate([each for _, each in group]),
+            np.repeat(np.arange(len(group)), [each.size for _, each in group]),
+            since[rows],
+            count[rows],
+        )
+        for (rate_hz, _), group in groups.items()
+    ]
+
+
+def _about_turns(
+    followed: Sequence[_Followed], cells: Sequence[Cells], delay_s: float = 0.0, cutoff_hz: float | None = None
+) -> FloatArray:
     """Means over the cells of what the motion leaves after each turn, late or behind a filter; shape (4, cells)."""
-    means = np.zeros((4, cells.since.size))
-    for number, course in _courses(cells).items():
-        sums = _sums_after(course.tobytes(), cells.turn_before, cells.sample_rate_hz, delay_s, cutoff_hz)
-        last = sums.shape[1] - 1
-        rows = np.flatnonzero((cells.kind == number) & (cells.since < last))
-        stop = np.minimum(cells.since[rows] + cells.count[rows].astype(np.int64), last)
-        means[:, rows] = (sums[:, stop] - sums[:, cells.since[rows]]) / cells.count[rows]
+    means = np.zeros((4, sum(each.since.size for each in cells)))
+    lasts_s = BESIDE_S + delay_s if cutoff_hz is None else min(_RINGS_S, 60.0 / cutoff_hz)
+    for each in followed:
+        last = math.ceil(lasts_s * each.rate_hz)
+        times_s: FloatArray = np.asarray((np.arange(last) + 0.5) / each.rate_hz)
+        motions = each.motions
+        values = motions.late(delay_s, times_s) if cutoff_hz is None else motions.filtered(cutoff_hz, times_s)
+        # Running sums: the mean over any cell is one difference.
+        sums = np.zeros((*values.shape[:2], last + 1))
+        np.cumsum(values, axis=2, out=sums[:, :, 1:])
+        near = np.flatnonzero(each.since < last)
+        turn, since, count = each.turn[near], each.since[near], each.count[near]
+        stop = np.minimum(since + count.astype(np.int64), last)
+        means[:, each.rows[near]] = (sums[:, turn, stop] - sums[:, turn, since]) / count
     return means
 
 
@@ -204,16 +252,5 @@ def _courses(cells: Cells) -> dict[int, FloatArray]:
 
 
 @lru_cache(maxsize=1024)
-def _motion(turn: bytes, before: int, rate_hz: float) -> Motion:
+def _motion(turn: bytes, before: int, rate_hz: float) -> Motions:
     return motion_of(np.frombuffer(turn), before, rate_hz)
-
-
-@lru_cache(maxsize=1024)
-def _sums_after(turn: bytes, before: int, rate_hz: float, delay_s: float, cutoff_hz: float | None) -> FloatArray:
-    """Running sums over the samples after the mask's end, shape (4, samples + 1)."""
-    motion = _motion(turn, before, rate_hz)
-    lasts_s = BESIDE_S + delay_s if cutoff_hz is None else min(_RINGS_S, 60.0 / cutoff_hz)
-    times_s: FloatArray = np.asarray((np.arange(math.ceil(lasts_s * rate_hz)) + 0.5) / rate_hz)
-    values = motion.late(delay_s, times_s) if cutoff_hz is None else motion.filtered(cutoff_hz, times_s)
-    # Running sums: the mean over any cell is one difference.
-    return np.concatenate([np.zeros((len(values), 1)), np.cumsum(values, axis=1)], axis=1)

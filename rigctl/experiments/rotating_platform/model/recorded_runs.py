@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from rigctl.core.arrays import BoolArray, FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray, IntArray
 from rigctl.experiments.rotating_platform.model.chain import Afterwards, PlatformRuns, off_stop
 from rigctl.experiments.rotating_platform.model.templates import templates
 from rigctl.experiments.rotating_platform.observe.cells import STATE
@@ -164,21 +164,22 @@ class Recorded:
 
     def of_run(self, values: FloatArray, kind: str, channel: str) -> FloatArray:
         """Level or rate of a channel's bias at every cell."""
-        return np.asarray(values[self.places(kind, channel)][self._run_of(channel)])
+        return np.asarray(values[self.places(kind, channel)][self._run_of[channel]])
 
     def places(self, kind: str, channel: str) -> range:
         """Where among the baseline's parameters level or rate of a channel's bias stand, run by run."""
         first = len(SHARED) + OF_A_RUN.index(f"{kind}_{channel}") * len(self.run_ids)
         return range(first, first + len(self.run_ids))
 
-    def _run_of(self, channel: str) -> FloatArray:
-        return np.concatenate(
-            [
-                np.full(each.run.cells.period.size, self.run_ids.index(each.run.run_id))
-                for each in self.channels
-                if each.channel == channel
-            ]
-        ).astype(np.intp)
+    @cached_property
+    def _run_of(self) -> dict[str, IntArray]:
+        """Which run each cell is of, by channel."""
+        found = {}
+        for channel in CHANNELS:
+            own = [each.run for each in self.channels if each.channel == channel]
+            numbers = [self.run_ids.index(run.run_id) for run in own]
+            found[channel] = np.repeat(np.array(numbers, dtype=np.intp), [run.cells.period.size for run in own])
+        return found
 
     @cached_property
     def chain(self) -> dict[str, PlatformRuns]:
