@@ -87,7 +87,7 @@ def _outlier(attempt: Attempt, where: int, sigma: float) -> Outlier:
 
 def _trends(attempt: Attempt) -> tuple[Trend, ...]:
     """F tests of every series along every distinct covariate, the most significant first."""
-    given, projector = attempt.model.observations, attempt.projector
+    given, projector, sigma = attempt.model.observations, attempt.projector, attempt.noise.total_sigma()
     covariates = distinct(given.covariates)
     trends: list[Trend] = []
     for number, series in enumerate(given.series):
@@ -99,7 +99,7 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
                 continue
             whole = np.zeros((len(given.value), columns.shape[1]))
             # In units of each datum's noise, so that steps weigh alike once they are whitened.
-            whole[rows] = columns * attempt.noise.total_sigma()[rows, None]
+            whole[rows] = columns * sigma[rows, None]
             score = projector.score(attempt.whitened_columns(whole))
             if not score.dimension:
                 continue

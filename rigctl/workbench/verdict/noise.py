@@ -53,8 +53,9 @@ class Noise:
         """W columns, shape (n,) or (n, k): independent, of unit variance where `columns` are this noise."""
         scaled = columns / (self.sigma if columns.ndim == 1 else self.sigma[:, None])
         for where, factor in self.factors:
-            # R = L L': L^-1 makes a correlated group independent.
-            scaled[where] = solve_triangular(factor, scaled[where], lower=True, check_finite=False)
+            # R = L L': L^-1 makes a correlated group independent. Many columns concern a few of the groups.
+            if (own := scaled[where]).any():
+                scaled[where] = solve_triangular(factor, own, lower=True, check_finite=False)
         return np.asarray(scaled, dtype=np.float64)
 
     def whiten_rows(self, rows: IntArray, columns: FloatArray) -> tuple[IntArray, FloatArray]:

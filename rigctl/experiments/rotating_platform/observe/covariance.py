@@ -16,7 +16,7 @@ Measurement 46 (2013) 1411, eq. 1; 1 for the usual estimates over positive frequ
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -95,7 +95,22 @@ def covariance(
     diverging noise has an infinite variance, and covariances with others that are NaN. Raises `DataError` for a
     `from_hz` beyond.
     """
-    folded = _fold(weights, sample_rate_hz, density, sided, from_hz, lags + 1)
+    (found,) = covariances(weights, sample_rate_hz, [density], sided=sided, lags=lags, from_hz=from_hz)
+    return np.asarray(found)
+
+
+def covariances(
+    weights: FloatArray,
+    sample_rate_hz: float,
+    densities: Sequence[Density],
+    *,
+    sided: Sided = 2,
+    lags: int = 0,
+    from_hz: float = 0.0,
+) -> FloatArray:
+    """`covariance` under each of several densities, shape (densities, lags + 1, outputs, outputs): the weights are
+    transformed once."""
+    folded = _fold(weights, sample_rate_hz, densities, sided, from_hz, lags + 1)
     phase = np.exp(2j * np.pi * np.arange(lags + 1)[:, None] * folded.place)
     return folded.integral(phase)
 
@@ -113,18 +128,19 @@ def covariance_of_mean(
 
     Their correlation is in it, that over the whole record too. Arguments, infinities and errors as for `covariance`.
     """
-    folded = _fold(weights, sample_rate_hz, density, sided, from_hz, periods)
+    folded = _fold(weights, sample_rate_hz, [density], sided, from_hz, periods)
     place = folded.place
     # Fejer's kernel: what a mean over successive periods lets through.
     kernel = (np.sin(np.pi * periods * place) / (periods * np.sin(np.pi * place))) ** 2
-    return np.asarray(folded.integral(kernel[None].astype(np.complex128))[0])
+    return np.asarray(folded.integral(kernel[None].astype(np.complex128))[0, 0])
 
 
 @dataclass(frozen=True)
 class _Folded:
     """The cross-spectra of the outputs folded onto one interval 1/tau, as quadrature.
 
-    `place` in it, shape (nodes,); `values` with their shares, shape (nodes, outputs, outputs); `divergent` outputs.
+    `place` in it, shape (nodes,); `values` with their shares, shape (nodes, densities, outputs, outputs); `divergent`
+    (densities, outputs).
     """
 
     place: FloatArray
@@ -132,15 +148,21 @@ class _Folded:
     divergent: BoolArray
 
     def integral(self, kernel: ComplexArray) -> FloatArray:
-        """Over kernels of shape (kernels, nodes); shape (kernels, outputs, outputs)."""
-        integrals = np.tensordot(kernel, self.values, axes=1).real
-        integrals[:, self.divergent[:, None] | self.divergent] = np.nan
-        integrals[:, self.divergent, self.divergent] = np.inf
+        """Over kernels of shape (kernels, nodes); shape (densities, kernels, outputs, outputs)."""
+        integrals = np.tensordot(kernel, self.values, axes=1).real.swapaxes(0, 1)
+        for found, divergent in zip(integrals, self.divergent, strict=True):
+            found[:, divergent[:, None] | divergent] = np.nan
+            found[:, divergent, divergent] = np.inf
         return np.asarray(integrals)
 
 
 def _fold(
-    weights: FloatArray, sample_rate_hz: float, density: Density, sided: Sided, from_hz: float, panels: int
+    weights: FloatArray,
+    sample_rate_hz: float,
+    densities: Sequence[Density],
+    sided: Sided,
+    from_hz: float,
+    panels: int,
 ) -> _Folded:
     """Cross-spectra with nodes for kernels that make up to `panels` turns over the interval."""
     width_hz = sample_rate_hz / weights.shape[1]
@@ -148,17 +170,19 @@ def _fold(
         raise DataError(f"from_hz is {from_hz:g}: it must be below one over the period, {width_hz:g} Hz")
     even = np.linspace(0.0, 1.0, panels + 1)
     place, share = gauss_nodes(even)
-    smooth = _harmonics(weights, width_hz, density, sided, place) * share[:, None, None]
+    smooth = _harmonics(weights, width_hz, densities, sided, place) * share[:, None, None, None]
     lowest = max(from_hz / width_hz, 4.0**-_GRADING)
     edges = np.union1d(even, 4.0 ** -np.arange(float(_GRADING)))
     low, low_share = gauss_nodes(np.append(lowest, edges[edges > lowest]))
     transform = _transform(weights, low)
     # Twice, for the interval on the other side of zero.
-    value = 2.0 * low_share * two_sided(density, sided, low * width_hz)
-    singular = np.einsum("f,af,bf->fab", value, transform.conj(), transform)
-    divergent = np.zeros(len(weights), dtype=np.bool_)
-    if from_hz == 0.0 and _diverges(density, width_hz):
-        divergent = np.abs(weights.sum(axis=1)) > _ZERO * np.abs(weights).sum(axis=1)
+    value = 2.0 * low_share * np.stack([two_sided(each, sided, low * width_hz) for each in densities])
+    products = np.einsum("af,bf->fab", transform.conj(), transform)
+    singular = value.T[:, :, None, None] * products[:, None]
+    divergent = np.zeros((len(densities), len(weights)), dtype=np.bool_)
+    if from_hz == 0.0:
+        passing = np.abs(weights.sum(axis=1)) > _ZERO * np.abs(weights).sum(axis=1)
+        divergent[[_diverges(each, width_hz) for each in densities]] = passing
     values = np.concatenate([smooth, singular]) * width_hz
     return _Folded(np.concatenate([place, low]), values, divergent)
 
@@ -171,22 +195,26 @@ def gauss_nodes(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _harmonics(
-    weights: FloatArray, width_hz: float, density: Density, sided: Sided, place: FloatArray
+    weights: FloatArray, width_hz: float, densities: Sequence[Density], sided: Sided, place: FloatArray
 ) -> ComplexArray:
-    """Sum over all intervals but the two next to zero, by its Legendre series; shape (places, outputs, outputs)."""
+    """Sum over all intervals but the two next to zero, by its Legendre series.
+
+    Shape (places, densities, outputs, outputs).
+    """
     samples = weights.shape[1]
     nodes, shares = legendre.leggauss(_HARMONIC_NODES)
     order, interval = np.arange(_HARMONIC_NODES), np.arange(1, samples - 1)
-    series = np.zeros((_HARMONIC_NODES, len(weights), len(weights)), dtype=np.complex128)
+    series = np.zeros((_HARMONIC_NODES, len(densities), len(weights), len(weights)), dtype=np.complex128)
     for node, share in zip(nodes, shares, strict=True):
         x = 0.5 * (node + 1.0)
         shifted = weights * np.exp(-2j * np.pi * x * np.arange(samples) / samples)
         transform = np.fft.fft(shifted)[:, 1:-1]
         # Beyond half the sampling rate the transform's places are negative frequencies.
         frequency_hz = np.minimum(interval + x, samples - interval - x) * width_hz
-        matrix = (transform.conj() * two_sided(density, sided, frequency_hz)) @ transform.T
+        conjugate, turned = transform.conj(), transform.T
+        matrices = np.stack([(conjugate * two_sided(each, sided, frequency_hz)) @ turned for each in densities])
         polynomials = legendre.legvander(np.array([node]), _HARMONIC_NODES - 1)[0]
-        series += ((order + 0.5) * share * polynomials)[:, None, None] * matrix
+        series += ((order + 0.5) * share * polynomials)[:, None, None, None] * matrices
     return np.asarray(np.tensordot(legendre.legvander(2.0 * place - 1.0, _HARMONIC_NODES - 1), series, axes=1))
 
 

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy import special
 
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.covariance import Sided, covariance
+from rigctl.experiments.rotating_platform.observe.covariance import Sided, covariances
 from rigctl.experiments.rotating_platform.observe.estimators import coarser, weights
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 
@@ -217,11 +217,7 @@ def white_sizes(sampled: SampledPattern, per_group: int) -> FloatArray:
 def joint_covariance(noise: RunNoise, sampled: SampledPattern, per_group: int, which: Sequence[int]) -> FloatArray:
     """Covariance of the four outputs of the groups numbered `which`, output by output; (4 groups, 4 groups)."""
     groups = max(which) + 1
-    parts = [(noise.white, 0.0), *zip(noise.red.tolist(), EXPONENTS.tolist(), strict=True)]
-    lags = np.zeros((groups, 4, 4))
-    for level, exponent in parts:
-        if level > 0.0:
-            lags += level * _lags(sampled, per_group, groups, exponent)
+    lags = np.tensordot(np.array([noise.white, *noise.red]), _lags(sampled, per_group, groups), axes=1)
     numbers = np.asarray(which)
     apart = numbers[:, None] - numbers[None, :]
     ahead = lags[np.abs(apart)]
@@ -279,20 +275,21 @@ def _spectra(sampled: SampledPattern, per_group: int, groups: int, lowest: int) 
     # The conjugate is added below: lag zero would count twice.
     products[:, 0] *= 0.5
 
-    def shown(exponent: float) -> ComplexArray:
-        half = np.tensordot(products, _lags(sampled, per_group, groups, exponent), axes=1)
-        return np.asarray(half + half.conj().swapaxes(1, 2))
-
-    return shown(0.0), np.stack([shown(float(exponent)) for exponent in EXPONENTS])
+    half = np.tensordot(products, _lags(sampled, per_group, groups), axes=([1], [1])).swapaxes(0, 1)
+    white, *red = half + half.conj().swapaxes(2, 3)
+    return np.asarray(white), np.stack(red)
 
 
-@lru_cache(maxsize=1024)
-def _lags(sampled: SampledPattern, per_group: int, groups: int, exponent: float) -> FloatArray:
-    """Covariances of the outputs with those of groups before, for a density (AT_HZ / f)^exponent."""
+@lru_cache(maxsize=64)
+def _lags(sampled: SampledPattern, per_group: int, groups: int) -> FloatArray:
+    """Covariances of the outputs with those of groups before, for white noise of level 1 and for each of `EXPONENTS`
+    with level 1 at `AT_HZ`; shape (1 + exponents, groups, 4, 4)."""
     rows, rate_hz = _grouped(sampled, per_group)
     length_s = groups * rows.shape[1] / rate_hz
 
-    def density(frequency_hz: FloatArray) -> FloatArray:
+    def density(exponent: float, frequency_hz: FloatArray) -> FloatArray:
         return np.asarray((np.asarray(frequency_hz) / AT_HZ) ** -exponent)
 
-    return covariance(rows, rate_hz, density, sided=SIDED, lags=groups - 1, from_hz=_BEYOND_RECORD / length_s)
+    densities = [partial(density, float(exponent)) for exponent in (0.0, *EXPONENTS)]
+    from_hz = _BEYOND_RECORD / length_s
+    return covariances(rows, rate_hz, densities, sided=SIDED, lags=groups - 1, from_hz=from_hz)
