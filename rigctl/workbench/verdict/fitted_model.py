@@ -285,15 +285,18 @@ def _of_the_best_minimum(model: Model, noise: Noise, parameters: Sequence[Parame
     """The result of a fit, or of one that ends in another minimum where the data do not speak for this one."""
     if not isinstance(model, HasOtherMinima) or not np.isfinite(result.values).all():
         return result
-    for number in range(len(model.elsewhere(result.values))):
-        other = model.elsewhere(result.values)[number]
+    for place in [each.of for each in model.elsewhere(result.values)]:
+        # Seen from where the fit is by now; one that was there before may be gone.
+        other = next((each for each in model.elsewhere(result.values) if each.of == place), None)
+        if other is None:
+            continue
         sigma = float(np.sqrt(result.covariance[other.of, other.of]))
         # A parameter that is held, and one that is there already.
         if not abs(other.values[other.of] - result.values[other.of]) > _ELSEWHERE * sigma > 0.0:
             continue
         there = [
-            each if each.fixed else replace(each, start=other.values.get(place, float(result.values[place])))
-            for place, each in enumerate(parameters)
+            each if each.fixed else replace(each, start=other.values.get(number, float(result.values[number])))
+            for number, each in enumerate(parameters)
         ]
         found = whitened_least_squares(model, noise, there)
         less = found.chi2 < result.chi2 + (_TOLD_APART if other.likelier else -_SAME_CHI2)
