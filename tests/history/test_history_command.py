@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.campaign.recording import Header
@@ -71,6 +72,16 @@ def test_two_processes_find_what_this_one_finds(desk: Any, lab: Path, tmp_path: 
     here = desk.rigctl("history", lab, "--json")
     there = desk.rigctl("history", tmp_path / "elsewhere" / "lab", "--workers", 2, "--json")
     assert there.err.splitlines()[-1].startswith("4 of 4 worked out, ")
+    assert there.out.replace(str(tmp_path / "elsewhere" / "lab"), str(lab)) == here.out
+
+
+def test_a_dask_cluster_finds_what_this_one_finds(desk: Any, lab: Path, tmp_path: Path) -> None:
+    shutil.copytree(lab, tmp_path / "elsewhere" / "lab")
+    here = desk.rigctl("history", lab, "--json")
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        there = desk.rigctl("history", tmp_path / "elsewhere" / "lab", "--scheduler", address, "--json")
+    assert there.status == 0, there.err
     assert there.out.replace(str(tmp_path / "elsewhere" / "lab"), str(lab)) == here.out
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from distributed import LocalCluster
 
 TABLE = "y_v,x\n" + "".join(f"{1.0 + 2.0 * x + 0.01 * (x * x * 7 % 11):.5f},{x}\n" for x in range(12))
 
@@ -31,6 +32,16 @@ def test_two_processes_write_what_one_store_s_report_is(desk: Any, stores: list[
     assert told.err.splitlines()[-1].startswith("2 of 2 reported, ")
     pages = [desk.directory / "pages" / f"{name}.html" for name in ("first", "second")]
     assert told.json == {"written": [str(page) for page in pages], "failed": {}}
+    assert pages[0].read_bytes() == (desk.directory / "alone.html").read_bytes()
+
+
+def test_a_dask_cluster_writes_the_same(desk: Any, stores: list[Path]) -> None:
+    assert desk.rigctl("report", stores[0], "--out", "alone.html").status == 0
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        told = desk.rigctl("report", *stores, "--out", "pages", "--scheduler", cluster.scheduler_address)
+    assert told.status == 0, told.err
+    pages = [desk.directory / "pages" / f"{name}.html" for name in ("first", "second")]
+    assert told.out.splitlines() == [str(page) for page in pages]
     assert pages[0].read_bytes() == (desk.directory / "alone.html").read_bytes()
 
 
