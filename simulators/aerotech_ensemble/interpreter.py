@@ -39,6 +39,8 @@ class Interpreter:
     ) -> None:
         self._clock = clock
         self._settings = settings
+        # Asked of every line, a thousand of them after a run.
+        self._not_understood = settings.not_understood
         self._addressing = settings.addressing
         self.parameters = Parameters(settings)
         self.axis = AxisController(clock, axis, self.parameters, settings)
@@ -98,7 +100,7 @@ class Interpreter:
 
     def execute(self, command: Command) -> Reply:
         """Do what the ASCII interface is told and say what is answered."""
-        if command.keyword in self._settings.not_understood:
+        if command.keyword in self._not_understood:
             raise Invalid
         self._addressing.check(command)
         return self._execute(command)
