@@ -216,7 +216,7 @@ class _Round:
         last = self._diagnosis
         if version.terms != self._given:
             last = diagnose(self._study, version.terms, self._settings.alpha)
-        versions.keep_diagnosis(self._store, version, self._settings.alpha, last.as_json())
+        versions.keep_diagnosis(self._store, self._bench.plugin_files, version, self._settings.alpha, last.as_json())
         return Outcome(
             verdict=last.verdict,
             added=tuple(term.effect for term in version.terms if term not in self._given),

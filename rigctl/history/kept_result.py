@@ -125,5 +125,4 @@ def _writable(path: Path) -> bool:
 
 def _key(store: Store) -> dict[str, Any]:
     version = versions.current(store)
-    plugins = sorted(plugin.sha256 for plugin in version.plugins.values())
-    return {"version": version.version, "data": versions.data_key(store), "plugins": plugins}
+    return {"version": version.version, "data": versions.data_key(store, list(version.plugins.values()))}

@@ -112,7 +112,9 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
     comparisons = [bench.compare(version) for version in _side_by_side(bench, rungs, tell)]
     tell("diagnosing")
     # What was diagnosed already is not asked again: a diagnosis takes minutes.
-    diagnosis = versions.kept_diagnosis(store, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
+    diagnosis = (
+        versions.kept_diagnosis(store, bench.plugin_files, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
+    )
     tell("drawing")
     last = comparisons[-1]
     lines_hz = [float(term.choice["frequency_hz"]) for term in current.terms if "frequency_hz" in term.choice]
@@ -121,7 +123,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         rungs,
         comparisons,
         diagnosis,
-        fit=versions.kept_fit(store, current) or bench.fit(current).as_json(),
+        fit=versions.kept_fit(store, bench.plugin_files, current) or bench.fit(current).as_json(),
         ladder=ladder_plate(rungs),
         rankings=[ranking_plate(diagnosis)] if diagnosis["ranking"] else [],
         residuals=list(residual_plates(comparisons)),

@@ -122,7 +122,7 @@ class Workbench:
         """The same, and keep the outcome."""
         chosen = version or self.current
         found = self.fitted(chosen)
-        versions.keep_fit(self.store, chosen, found.as_json())
+        versions.keep_fit(self.store, self.plugin_files, chosen, found.as_json())
         self._keep_account()
         return found
 
@@ -226,7 +226,7 @@ class Workbench:
         account = self.account(progress)
         found = diagnose(self.study, version.terms, alpha, 0, progress, account, self.attempt(version))
         found = self._with_next(found)
-        versions.keep_diagnosis(self.store, version, alpha, found.as_json())
+        versions.keep_diagnosis(self.store, self.plugin_files, version, alpha, found.as_json())
         self._keep_account()
         return found
 
@@ -270,7 +270,7 @@ class Workbench:
             "added": version.added,
             "removed": version.removed,
         }
-        found = versions.kept_fit(self.store, version)
+        found = versions.kept_fit(self.store, self.plugin_files, version)
         if found is None:
             try:
                 version.require(self.plugin_files)

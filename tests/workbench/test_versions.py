@@ -100,17 +100,17 @@ def test_a_version_keeps_where_its_plugin_was_and_what_it_held(store: Store, tmp
 
 def test_a_fit_is_kept_for_its_version_and_its_runs(store: Store) -> None:
     first = versions.current(store)
-    assert versions.kept_fit(store, first) is None
-    versions.keep_fit(store, first, {"chi2_per_dof": 1.5})
-    assert versions.kept_fit(store, first) == {"chi2_per_dof": 1.5}
+    assert versions.kept_fit(store, [], first) is None
+    versions.keep_fit(store, [], first, {"chi2_per_dof": 1.5})
+    assert versions.kept_fit(store, [], first) == {"chi2_per_dof": 1.5}
     store.mark("2", valid=False, reason="a truck")
-    assert versions.kept_fit(store, first) is None
+    assert versions.kept_fit(store, [], first) is None
     store.mark("2", valid=True, reason="looked again")
-    assert versions.kept_fit(store, first) == {"chi2_per_dof": 1.5}
+    assert versions.kept_fit(store, [], first) == {"chi2_per_dof": 1.5}
     run = store.begin_run("one more", "", {})
     run.append({"t_s": np.arange(4.0)})
     run.finish()
-    assert versions.kept_fit(store, first) is None
+    assert versions.kept_fit(store, [], first) is None
 
 
 def test_what_a_diagnosis_held_stays_held_until_the_runs_change(store: Store) -> None:
@@ -123,9 +123,9 @@ def test_what_a_diagnosis_held_stays_held_until_the_runs_change(store: Store) ->
 
 def test_a_new_term_puts_every_fit_out_of_date_for_it_tells_of_the_noise(store: Store) -> None:
     first = versions.current(store)
-    versions.keep_fit(store, first, {"chi2_per_dof": 1.5})
-    assert versions.kept_fit(store, versions.extend(store, ROLL)) is None
-    assert versions.kept_fit(store, first) is None
+    versions.keep_fit(store, [], first, {"chi2_per_dof": 1.5})
+    assert versions.kept_fit(store, [], versions.extend(store, ROLL)) is None
+    assert versions.kept_fit(store, [], first) is None
 
 
 def test_every_package_that_a_fit_depends_on_is_there() -> None:
@@ -134,16 +134,30 @@ def test_every_package_that_a_fit_depends_on_is_there() -> None:
 
 def test_a_fit_of_another_program_is_out_of_date(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     first = versions.current(store)
-    versions.keep_fit(store, first, {"chi2_per_dof": 1.5})
+    versions.keep_fit(store, [], first, {"chi2_per_dof": 1.5})
     monkeypatch.setattr(versions, "_code", lambda: "changed")
-    assert versions.kept_fit(store, first) is None
+    assert versions.kept_fit(store, [], first) is None
 
 
 def test_a_diagnosis_is_kept_for_its_level(store: Store) -> None:
     first = versions.current(store)
-    versions.keep_diagnosis(store, first, 0.01, {"verdict": "adequate"})
-    assert versions.kept_diagnosis(store, first, 0.01) == {"verdict": "adequate"}
-    assert versions.kept_diagnosis(store, first, 0.05) is None
+    versions.keep_diagnosis(store, [], first, 0.01, {"verdict": "adequate"})
+    assert versions.kept_diagnosis(store, [], first, 0.01) == {"verdict": "adequate"}
+    assert versions.kept_diagnosis(store, [], first, 0.05) is None
     store.mark("1", valid=False, reason="a truck")
-    assert versions.kept_diagnosis(store, first, 0.01) is None
+    assert versions.kept_diagnosis(store, [], first, 0.01) is None
     assert versions.last_diagnosis(store) == {"verdict": "adequate"}
+
+
+def test_what_was_worked_out_without_a_file_of_effects_is_worked_out_anew_with_it(store: Store) -> None:
+    """A report with one's own effect does not show the diagnosis that had not asked it."""
+    first, mine = versions.current(store), PluginFile("mine.py", "12ab")
+    versions.keep_diagnosis(store, [], first, 0.01, {"verdict": "unknown"})
+    versions.keep_fit(store, [], first, {"chi2_per_dof": 1.5})
+    versions.keep_account(store, [], [first.terms], {"terms": []})
+    assert versions.kept_diagnosis(store, [mine], first, 0.01) is None
+    assert versions.kept_fit(store, [mine], first) is None
+    assert versions.kept_account(store, [mine], [first.terms]) is None
+    versions.keep_diagnosis(store, [mine], first, 0.01, {"verdict": "effect"})
+    assert versions.kept_diagnosis(store, [PluginFile("moved.py", "12ab")], first, 0.01) == {"verdict": "effect"}
+    assert versions.kept_diagnosis(store, [], first, 0.01) == {"verdict": "unknown"}

@@ -215,16 +215,18 @@ def require_present(version: ModelVersion, effects: Sequence[str]) -> None:
 # What was worked out
 
 
-def data_key(store: Store) -> str:
-    """Names the data, the program and the terms of all versions, which tell the noise together: what was worked out
-    under another key is out of date."""
-    return _data_key(store, [version.terms for version in versions(store)])
+def data_key(store: Store, plugins: Sequence[PluginFile]) -> str:
+    """Names the data, the program, the files with effects beside its own, and the terms of all versions, which tell
+    the noise together: what was worked out under another key is out of date."""
+    return _data_key(store, plugins, [version.terms for version in versions(store)])
 
 
-def _data_key(store: Store, models: Sequence[Sequence[Term]]) -> str:
-    # A set: neither the order of versions nor terms that several of them have make other noise.
+def _data_key(store: Store, plugins: Sequence[PluginFile], models: Sequence[Sequence[Term]]) -> str:
+    # Sets: neither the order of versions or files nor terms that several of them have make other noise.
     terms = {term.key for terms in models for term in terms}
-    return hashlib.sha256(json.dumps([_code(), runs_key(store), sorted(terms)]).encode()).hexdigest()
+    files = {plugin.sha256 for plugin in plugins}
+    key = [_code(), runs_key(store), sorted(terms), sorted(files)]
+    return hashlib.sha256(json.dumps(key).encode()).hexdigest()
 
 
 def runs_key(store: Store) -> str:
@@ -250,22 +252,21 @@ def _code() -> str:
     return digest.hexdigest()
 
 
-def keep_fit(store: Store, version: ModelVersion, fit: Mapping[str, Any]) -> None:
+def keep_fit(store: Store, plugins: Sequence[PluginFile], version: ModelVersion, fit: Mapping[str, Any]) -> None:
     """Keep a version's fit to the runs that are valid now."""
-    store.add_document(FIT, {"version": version.version, "data": data_key(store), "fit": fit})
+    store.add_document(FIT, {"version": version.version, "data": data_key(store, plugins), "fit": fit})
 
 
-def kept_fit(store: Store, version: ModelVersion) -> dict[str, Any] | None:
+def kept_fit(store: Store, plugins: Sequence[PluginFile], version: ModelVersion) -> dict[str, Any] | None:
     """The fit of a version to the runs that are valid now; None when there is none yet."""
-    return _kept(store, FIT, "fit", version=version.version, data=data_key(store))
+    return _kept(store, FIT, "fit", version=version.version, data=data_key(store, plugins))
 
 
 def keep_account(
     store: Store, plugins: Sequence[PluginFile], models: Sequence[Sequence[Term]], account: Mapping[str, Any]
 ) -> None:
     """Keep what the noise of the runs that are valid now was estimated with, given these models."""
-    data = _data_key(store, models)
-    store.add_document(ACCOUNT, {"data": data, "plugins": _hashes(plugins), "account": account})
+    store.add_document(ACCOUNT, {"data": _data_key(store, plugins, models), "account": account})
 
 
 def kept_account(
@@ -273,22 +274,23 @@ def kept_account(
 ) -> dict[str, Any] | None:
     """What the noise of the runs that are valid now was estimated with, given these models; None when it has not been
     yet."""
-    return _kept(store, ACCOUNT, "account", data=_data_key(store, models), plugins=_hashes(plugins))
+    return _kept(store, ACCOUNT, "account", data=_data_key(store, plugins, models))
 
 
-def _hashes(plugins: Sequence[PluginFile]) -> list[str]:
-    return sorted(plugin.sha256 for plugin in plugins)
+def keep_diagnosis(
+    store: Store, plugins: Sequence[PluginFile], version: ModelVersion, alpha: float, diagnosis: Mapping[str, Any]
+) -> None:
+    """Keep a diagnosis of the runs that are valid now, which has asked the effects of these files too."""
+    key = {"version": version.version, "data": data_key(store, plugins), "alpha": alpha}
+    store.add_document(DIAGNOSIS, {**key, "diagnosis": diagnosis})
 
 
-def keep_diagnosis(store: Store, version: ModelVersion, alpha: float, diagnosis: Mapping[str, Any]) -> None:
-    """Keep a diagnosis of the runs that are valid now."""
-    data = {"version": version.version, "data": data_key(store), "alpha": alpha, "diagnosis": diagnosis}
-    store.add_document(DIAGNOSIS, data)
-
-
-def kept_diagnosis(store: Store, version: ModelVersion, alpha: float) -> dict[str, Any] | None:
+def kept_diagnosis(
+    store: Store, plugins: Sequence[PluginFile], version: ModelVersion, alpha: float
+) -> dict[str, Any] | None:
     """The diagnosis of a version with the runs that are valid now; None when there is none yet."""
-    return _kept(store, DIAGNOSIS, "diagnosis", version=version.version, data=data_key(store), alpha=alpha)
+    data = data_key(store, plugins)
+    return _kept(store, DIAGNOSIS, "diagnosis", version=version.version, data=data, alpha=alpha)
 
 
 def last_diagnosis(store: Store) -> dict[str, Any] | None:
