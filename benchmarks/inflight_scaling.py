@@ -128,7 +128,7 @@ def places(count: int) -> list[tuple[str, AbstractContextManager[Workers]]]:
 
 @contextmanager
 def cluster_of(count: int) -> Iterator[Workers]:
-    with LocalCluster(count, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    with LocalCluster(count, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
         yield Workers(scheduler=cluster.scheduler_address)
 
 

@@ -15,9 +15,10 @@ from rigctl.report.tables.result_table import print_tables
 from rigctl.workbench.workbench import Workbench
 
 
-def of(path: Path, plugins: Sequence[Path] = ()) -> dict[str, Any]:
-    """The keys of `rigctl result --json`; `DataError`, `ProcedureError`."""
-    with opened_workbench(path, plugins, readonly=True) as workbench:
+def of(path: Path, plugins: Sequence[Path] = (), *, keep: bool = False) -> dict[str, Any]:
+    """The keys of `rigctl result --json`; `keep` what runs are reduced to, for what is asked next. `DataError`,
+    `ProcedureError`."""
+    with opened_workbench(path, plugins, readonly=not keep) as workbench:
         return of_workbench(workbench)
 
 

@@ -21,6 +21,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.cli import commands
 from rigctl.cli.application import app
 from rigctl.core.errors import RigError
+from rigctl.experiments.sensing_axis.observe.store_reduction import recipe
 from rigctl.files.rig_file import read_rig
 
 FIRST_ADDRESS = 'address = "sim:"                  # tcp://192.168.0.254:5001'
@@ -311,6 +312,11 @@ def test_a_store_that_is_missing_or_none_is_refused_by_every_command(desk: Any, 
     desk.rigctl(command, "none.rig.sqlite", *more).refused(2, "none.rig.sqlite", "no such store")
     desk.rigctl(command, "rig.toml", *more).refused(2, "rig.toml", "not a campaign store")
     assert desk.left == set()
+
+
+def test_what_runs_are_reduced_to_is_kept_for_what_is_asked_next(done: Any) -> None:
+    with Store.open(done.store, readonly=True) as store:
+        assert store.reduced_names(str(recipe(()))) == {run.run_id for run in store.runs()}
 
 
 def test_runs_are_marked_by_their_name(done: Any) -> None:

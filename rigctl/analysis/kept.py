@@ -119,8 +119,12 @@ class Kept:
         """Keep it, where that is possible; returns it as it is kept."""
         data = packed.to_bytes(compressed=self._recipe.compressed)
         if self._store is not None and self.writable:
-            self._store.keep_reductions(str(self._recipe), {name: data})
-            self.added = True
+            try:
+                self._store.keep_reductions(str(self._recipe), {name: data})
+                self.added = True
+            except DataError:
+                # A disk that is full: the numbers are as good.
+                self.writable = False
         return data
 
     def once(self, name: str, make: Callable[[], Packed], unpack: Callable[[Packed], T]) -> T:

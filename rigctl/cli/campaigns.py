@@ -119,7 +119,7 @@ def resume(
 
 def _show_outcome(store: Path, plugins: tuple[Path, ...], *, as_json: bool) -> None:
     try:
-        document = results.of(store, plugins)
+        document = results.of(store, plugins, keep=True)
     except (ProcedureError, DataError) as error:  # what was measured need not determine a model, or tell its noise
         tell(f"{store}: no result yet: {error}")
         if as_json:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from rigctl.analysis.measurement_result import MeasurementResult, Quantity
 from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import DataError
 from rigctl.experiments.analysis import measurement_result_of
 from rigctl.workbench.model import versions
 
@@ -110,9 +108,7 @@ def worked_out(path: Path, plugins: Sequence[Path]) -> KeptResult:
         # Before the fit, which may add documents of its own.
         key = _key(store)
         result = KeptResult.of(measurement_result_of(workbench))
-        # Where somebody else writes, or the disk is full, the result is as good.
-        with suppress(DataError):
-            Kept(store, _RECIPE).put(_NAME, result.packed(key))
+        Kept(store, _RECIPE).put(_NAME, result.packed(key))
         return result
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.kept import Kept, Packed, Recipe
+from rigctl.core.errors import DataError
 
 VALUE = Packed({"name": "one", "size": 0.1}, {"table": np.arange(6.0).reshape(2, 3), "none": np.zeros(0)})
 RECIPE = Recipe("sines", 3, (0.5, "fast"))
@@ -61,6 +62,20 @@ def test_what_cannot_be_read_is_made_again_and_kept(bad: bytes) -> None:
     assert kept.once("run", lambda: VALUE, unpacked)[0] == "one"
     assert kept.added
     assert shelf.blobs[str(RECIPE), "run"] == GOOD
+
+
+def test_a_disk_that_is_full_keeps_nobody_from_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def full(self: Shelf, recipe: str, blobs: Mapping[str, bytes]) -> None:
+        asked.extend(blobs)
+        raise DataError("the disk is full")
+
+    monkeypatch.setattr(Shelf, "keep_reductions", full)
+    kept = Kept(Shelf(), RECIPE)
+    assert [kept.once(name, lambda: VALUE, unpacked)[0] for name in ("run", "another")] == ["one", "one"]
+    assert asked == ["run"]
+    assert not kept.added
 
 
 def test_nothing_is_kept_in_a_store_that_is_only_read() -> None:

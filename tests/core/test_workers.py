@@ -107,7 +107,7 @@ def test_no_worker_outlives_who_started_it(tmp_path: Path, end: signal.Signals) 
 
 def test_a_dask_cluster_finds_the_same_until_its_scheduler_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = found_by(work.squared, range(12), Workers(1))
-    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0") as cluster:
         there = Workers(scheduler=cluster.scheduler_address)
         assert found_by(work.squared, range(12), there) == alone
         with pytest.raises(DataError, match=r"^table.csv: line 3: no number$"):

@@ -78,7 +78,7 @@ def test_two_processes_find_what_this_one_finds(desk: Any, lab: Path, tmp_path: 
 def test_a_dask_cluster_finds_what_this_one_finds(desk: Any, lab: Path, tmp_path: Path) -> None:
     shutil.copytree(lab, tmp_path / "elsewhere" / "lab")
     here = desk.rigctl("history", lab, "--json")
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
         address = cluster.scheduler_address
         there = desk.rigctl("history", tmp_path / "elsewhere" / "lab", "--scheduler", address, "--json")
     assert there.status == 0, there.err

@@ -126,7 +126,7 @@ def place(request: pytest.FixtureRequest) -> Iterator[tuple[Workers, Callable[[]
     if request.param == "processes":
         yield Workers(2), lambda: int(multiprocessing.active_children()[0].pid or 0)
         return
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
         yield Workers(scheduler=cluster.scheduler_address), lambda: int(next(iter(cluster.workers.values())).pid)
 
 

@@ -37,7 +37,7 @@ def test_two_processes_write_what_one_store_s_report_is(desk: Any, stores: list[
 
 def test_a_dask_cluster_writes_the_same(desk: Any, stores: list[Path]) -> None:
     assert desk.rigctl("report", stores[0], "--out", "alone.html").status == 0
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
         told = desk.rigctl("report", *stores, "--out", "pages", "--scheduler", cluster.scheduler_address)
     assert told.status == 0, told.err
     pages = [desk.directory / "pages" / f"{name}.html" for name in ("first", "second")]
