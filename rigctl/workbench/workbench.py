@@ -270,7 +270,9 @@ class Workbench:
             "added": version.added,
             "removed": version.removed,
         }
-        found = versions.kept_fit(self.store, self.plugin_files, version)
+        usable = version.can_be_used_with(self.plugin_files)
+        # Of a version whose files are not there counts what was fitted when they were.
+        found = versions.kept_fit(self.store, self.plugin_files if usable else [*version.plugins.values()], version)
         if found is None:
             try:
                 version.require(self.plugin_files)
