@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import signal
 import subprocess
@@ -25,6 +26,9 @@ from rigctl.core.errors import DataError
 # An example on a busy machine takes as long as it takes: no wall clock in a test.
 hypothesis.settings.register_profile("unhurried", deadline=None)
 hypothesis.settings.load_profile("unhurried")
+
+# Whatever the terminal of whoever tests; pytest-xdist gives its workers the same.
+os.environ["COLUMNS"] = "80"
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 

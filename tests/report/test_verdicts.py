@@ -149,10 +149,7 @@ def test_a_comparison_without_degrees_of_freedom_says_nothing_of_the_model() -> 
     assert "nothing can be said" in comparison_sentence({"p_value": math.nan, "chi2_per_dof": math.nan, "dof": 0})
 
 
-def test_names_with_brackets_survive_the_terminal(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
+def test_names_with_brackets_survive_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     left = {"channel": "accel_v", "component": "DC", "description": "a step [red]", "p_value": 1e-6}
     ranks = [rank("power2[bold]"), *(rank(f"linear[c{i}]", p=1.0) for i in range(12))]
     found = diagnosis(
