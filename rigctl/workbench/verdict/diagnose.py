@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import pairwise
 
 from rigctl.core.errors import UNFIT
 from rigctl.core.threads import one_thread
@@ -14,6 +15,7 @@ from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.alike import inseparable_effects
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.description import described
+from rigctl.workbench.verdict.fit import rms_by_channel
 from rigctl.workbench.verdict.impossible import OfOneSign, impossible_parameters
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_as_a_whole, unexplained_between_settings
 from rigctl.workbench.verdict.likelihood import maximum_likelihood
@@ -50,7 +52,7 @@ def diagnose(
     # What contains the found effect can always do as well: it may be the truth, but makes nothing ambiguous.
     rivals = any(not each.wider for each in alike)
     first, final = search.attempt(search.given), search.attempt(search.terms)
-    suggested = _by_significance(search)
+    suggested = _in_order(search)
     unexplained = None
     if search.unexplained is not None:
         # Scored again: its size is that beside all that was found.
@@ -131,9 +133,43 @@ def _verdict(search: Search, ambiguous: bool, unexplained: Unexplained | None) -
     return "ambiguous" if ambiguous else "effect"
 
 
-def _by_significance(search: Search) -> tuple[Term, ...]:
-    """What was found, the most significant first."""
-    return tuple(sorted(search.suggested, key=lambda term: _p_of(search, term)))
+def _in_order(search: Search) -> tuple[Term, ...]:
+    """What was found, the most significant first; where errors would not fall from version to version, each next is
+    what then takes most."""
+    found = tuple(sorted(search.suggested, key=lambda term: _p_of(search, term)))
+    return found if _errors_fall(search, found) else _greedily(search, found)
+
+
+def _errors_fall(search: Search, terms: Sequence[Term]) -> bool:
+    """Whether each of the terms, one after the other, lowers every error that the ladder has of the fit."""
+    if len(terms) < 2:
+        return True
+    tried = [search.attempt_if_fit((*search.given, *terms[:count])) for count in range(len(terms) + 1)]
+    errors = [_errors(each) for each in tried if each is not None]
+    return all(after < before for pair in pairwise(errors) for before, after in zip(*pair, strict=True))
+
+
+def _errors(attempt: Attempt) -> tuple[float, ...]:
+    """In units of the noise, on the data of the fit and on those held out, and in the unit of the only channel."""
+    rms = rms_by_channel(attempt)
+    # Of several channels an effect need not lower each.
+    in_unit = [each.value for each in rms.values()] if len(rms) == 1 else []
+    return attempt.error(), attempt.held_out.error(), *in_unit
+
+
+def _greedily(search: Search, terms: Sequence[Term]) -> tuple[Term, ...]:
+    """The terms in an order in which each next leaves the least chi-square."""
+
+    def left(term: Term) -> float:
+        attempt = search.attempt_if_fit((*search.given, *ordered, term))
+        return float("inf") if attempt is None else attempt.result.chi2
+
+    ordered: list[Term] = []
+    waiting = list(terms)
+    while waiting:
+        ordered.append(min(waiting, key=left))
+        waiting.remove(ordered[-1])
+    return tuple(ordered)
 
 
 def _p_of(search: Search, term: Term) -> float:

@@ -49,7 +49,7 @@ def fitted(
         error_held_out=attempt.held_out.error(),
         residuals=attempt.whitened(),
         result=attempt.study.result(attempt.model, result.values, attempt.uncertainty.covariance),
-        rms=_rms_by_channel(attempt),
+        rms=rms_by_channel(attempt),
         minus_2_log_l=most_likely.minus_2_log_l,
         held_out_log_score=attempt.held_out.log_score(attempt.noise.log_determinant()),
         noise=noise_entries(attempt),
@@ -58,7 +58,8 @@ def fitted(
     )
 
 
-def _rms_by_channel(attempt: Attempt) -> dict[str, Rms]:
+def rms_by_channel(attempt: Attempt) -> dict[str, Rms]:
+    """What a fit leaves in each channel, in its unit."""
     given = attempt.model.observations
     # No version takes out what batches share: it would hide what one does.
     left = without_offsets(given, attempt.unexplained())
