@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -33,19 +32,13 @@ ORDER, RIPPLE_DB, STOP_DB = 8, 0.1, 80.0
 """The anti-alias filter: elliptic."""
 
 
-class _Course(Protocol):
-    """What acts during turns of one law, shape (kinds, turns, times); times are given for each turn."""
-
-    def __call__(self, times_s: FloatArray) -> FloatArray:
-        """While it lasts."""
-
-    def relaxed(self, poles: ComplexArray, times_s: FloatArray) -> ComplexArray:
-        """The integrals of exp(pole (t - s)) times each over all s up to t, shape (poles, kinds, turns, times)."""
-
-
 @dataclass(frozen=True)
 class _Cycloid:
-    """Square of the angular rate and angular acceleration of theta = D (u - sin(2 pi u) / (2 pi)); all (turns,)."""
+    """Square of the angular rate and angular acceleration of theta = D (u - sin(2 pi u) / (2 pi)); all (turns,).
+
+    What acts has the shape (kinds, turns, times), its integrals of exp(pole (t - s)) over all s up to t one more,
+    (poles, kinds, turns, times); times are given for each turn. The same of `_Pieces`.
+    """
 
     start_s: FloatArray
     duration_s: FloatArray
@@ -245,8 +238,7 @@ class Motions:
         poles, residues, direct = _anti_alias()
         # A filter of another cut-off is the same one in another unit of time.
         rate = 2.0 * np.pi * cutoff_hz
-        given: list[_Course] = [self.course, self.tilting]
-        each = [course.relaxed(rate * poles, self._of_each(times_s)) for course in given]
+        each = [course.relaxed(rate * poles, self._of_each(times_s)) for course in (self.course, self.tilting)]
         through = np.tensordot(rate * residues, np.concatenate(each, axis=1), axes=1)
         tilts = self.tilts(times_s)
         found = direct * np.concatenate([self.forces(times_s), tilts]) + 2.0 * through.real
