@@ -1,7 +1,7 @@
 """Nonlinear least squares whose result says whether to trust it.
 
 `residuals(p)` are whitened: (data - model) / sigma, so that chi-squared is their square sum and the
-covariance is the inverse of J^T J as it stands. Gauss-Newton steps by singular value decomposition of the
+covariance is the inverse of J^T J as it stands. Gauss-Newton steps by orthogonal decomposition of the
 column-scaled Jacobian, damped (Levenberg-Marquardt) only where the full step does not descend, by as much as the
 linear model has failed (H. B. Nielsen, IMM-REP-1999-05): along a curved valley steps stay as long as it allows.
 """
@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from rigctl.analysis.decomposition import svd
+from rigctl.analysis.decomposition import Triangle, triangle_of
 from rigctl.core.arrays import BoolArray, FloatArray, IntArray
 from rigctl.core.errors import ProcedureError
 
@@ -141,7 +142,7 @@ def least_squares(
 class _State:
     """The linearised problem at `p` without the columns of held parameters.
 
-    The Jacobian's active columns are U s Vt scale; `projected` is U^T r.
+    The Jacobian's active columns are Q R scale; `triangle` is of R, `projected` is Q^T r.
     """
 
     p: FloatArray
@@ -149,18 +150,16 @@ class _State:
     J: FloatArray
     active: IntArray
     scale: FloatArray
+    triangle: Triangle
     projected: FloatArray
-    s: FloatArray
-    Vt: FloatArray
-    rank: int
 
     @property
     def chi2(self) -> float:
         return float(self.r @ self.r)
 
-    @property
+    @cached_property
     def predicted_fall(self) -> float:
-        return float(np.sum(self.projected[: self.rank] ** 2))
+        return float(np.sum(self.triangle.within(self.projected) ** 2))
 
     @property
     def is_close(self) -> bool:
@@ -169,24 +168,19 @@ class _State:
 
     def step(self, damping: float) -> FloatArray:
         """Step over all parameters; nothing moves along the null space."""
-        s = self.s[: self.rank]
-        filtered = s / (s**2 + damping * (self.s[0] ** 2 if s.size else 1.0))
-        scaled = -self.Vt[: self.rank].T @ (filtered * self.projected[: self.rank])
         step = np.zeros(self.p.size)
-        step[self.active] = scaled / self.scale
+        step[self.active] = -self.triangle.solve(self.projected, damping) / self.scale
         return step
 
     def relief(self, damping: float, chi2: float) -> float:
         """By how much the damping changes after a step that ended at `chi2`: a tenth where the linear model held."""
-        share = self.s[: self.rank] ** 2
-        share = share / (share + damping * (share[0] if share.size else 1.0))
-        promised = float(np.sum(self.projected[: self.rank] ** 2 * (2.0 * share - share**2)))
+        promised = self.triangle.fall(self.projected, damping) if damping > 0.0 else self.predicted_fall
         kept = (self.chi2 - chi2) / promised
         return max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3)
 
     def covariance(self) -> FloatArray:
         """Pseudo-inverse of J^T J over the active parameters."""
-        root = (self.Vt[: self.rank].T / self.s[: self.rank]) / self.scale[:, None]
+        root = self.triangle.inverse / self.scale[:, None]
         return np.asarray(root @ root.T)
 
 
@@ -248,15 +242,8 @@ class _Problem:
         norms = _lengths(columns)
         # Columns of unit length: the rank then depends on how alike columns are and not on the parameters' units.
         scale = np.where(norms > 0.0, norms, 1.0)
-        # The decomposition is then of a matrix of the parameters' size, whatever the number of data.
-        # The residuals go along as one more column: Q^T r comes out of it, and Q need not be formed.
-        count = min(columns.shape)
-        triangle: FloatArray = np.linalg.qr(np.column_stack([columns / scale, r]), mode="r")  # type: ignore[assignment]
-        R, projected = triangle[:count, :-1], triangle[:count, -1]
-        # All rows of V': with fewer data than parameters the last of them span the null space.
-        U, s, Vt = svd(R, full=True)
-        rank = int(np.sum(s > self._rcond * s[0])) if s.size and s[0] > 0.0 else 0
-        return _State(p, r, J, active, scale, U.T @ projected, s, Vt, rank)
+        triangle, projected = triangle_of(columns / scale, r, self._rcond)
+        return _State(p, r, J, active, scale, triangle, projected)
 
     def result(self, state: _State, converged: bool, iterations: int) -> FitResult:
         n = len(self.parameters)
@@ -265,7 +252,7 @@ class _Problem:
         covariance[np.ix_(state.active, state.active)] = state.covariance()
         # A parameter at its limit was fitted there: it has no column, but costs a degree of freedom (below).
         limited = np.setdiff1d(np.flatnonzero(self.free), state.active)
-        null = state.Vt[state.rank :]
+        null = state.triangle.null
         lost = state.active[np.abs(null).max(axis=0, initial=0.0) > _NULL_SHARE]
         values[lost] = np.nan
         for i in (*lost, *limited):
@@ -277,7 +264,7 @@ class _Problem:
             covariance,
             state.r[:data],
             state.J[:data],
-            state.r.size - state.rank - limited.size,
+            state.r.size - state.triangle.rank - limited.size,
             state.chi2,
             verdict,
             reason,

@@ -61,7 +61,11 @@ class Account:
             return Attempt(study, terms, start=start, known=self.known, held=held)
         key = tuple(term.key for term in terms)
         if key not in self._plain:
-            self._plain[key] = Attempt(study, terms, self.richest.seed, self._shared, known=self.known)
+            # Nothing more was found: the account's own fit is this model's, in this noise.
+            fitted = self.richest if key == tuple(term.key for term in self.richest.terms) else None
+            self._plain[key] = Attempt(
+                study, terms, self.richest.seed, self._shared, known=self.known, fitted=fitted
+            )
         return self._plain[key]
 
     def search(

@@ -87,9 +87,10 @@ def _absorbers(attempt: Attempt, scored: Scored) -> dict[str, str]:
     typical = np.where(absorbed, scored.candidate.typical, 0.0)
     column = attempt.columns(scored.candidate) @ typical
     # J^+ G p: what the parameters take up where the effect acts and is not in the model.
-    shift, *_ = np.linalg.lstsq(attempt.jacobian, column, rcond=1e-10)
+    jacobian = attempt.jacobian
+    shift = np.nan_to_num(attempt.result.covariance) @ (jacobian.T @ column)
     # In units of the noise, for the parameters' own do not compare.
-    strength = np.abs(shift) * np.linalg.norm(attempt.jacobian, axis=0)
+    strength = np.abs(shift) * np.linalg.norm(jacobian, axis=0)
     shifts: dict[str, str] = {}
     for where in np.argsort(-strength):
         if strength[where] < _SHARE * strength.max() or not strength[where] > 0.0:

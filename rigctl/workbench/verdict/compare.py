@@ -92,15 +92,20 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
     trends: list[Trend] = []
     for number, series in enumerate(given.series):
         rows = np.flatnonzero(given.series_of == number)
-        for name in covariates:
-            values = given.of_runs(name)[rows]
-            columns = _steps(values, bins=max(BINS, len(given.levels.get(name, ()))))
-            if columns is None:
-                continue
-            whole = np.zeros((len(given.value), columns.shape[1]))
-            # In units of each datum's noise, so that steps weigh alike once they are whitened.
-            whole[rows] = columns * sigma[rows, None]
-            score = projector.score(attempt.whitened_columns(whole))
+        asked = [
+            (name, columns)
+            for name in covariates
+            if (columns := _steps(given.of_runs(name)[rows], max(BINS, len(given.levels.get(name, ()))))) is not None
+        ]
+        if not asked:
+            continue
+        steps = np.hstack([columns for _, columns in asked])
+        whole = np.zeros((len(given.value), steps.shape[1]))
+        # In units of each datum's noise, so that steps weigh alike once they are whitened.
+        whole[rows] = steps * sigma[rows, None]
+        white = attempt.whitened_columns(whole)
+        ends = np.cumsum([columns.shape[1] for _, columns in asked])[:-1]
+        for (name, _), score in zip(asked, projector.scores(np.split(white, ends, axis=1)), strict=True):
             if not score.dimension:
                 continue
             rms = float(np.sqrt(score.statistic / len(rows)))

@@ -53,7 +53,7 @@ class FittedModel:
 
     def with_noise(self, noise: Noise) -> FittedModel:
         """The model fitted anew from here with another noise."""
-        return FittedModel(self.model, noise, self.held, _fit(self.model, noise, self.held, self.values))
+        return FittedModel(self.model, noise, self.held, _fit(self.model, noise, self.held, self.values, fitted=True))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -259,7 +259,10 @@ def scanned_parameters(model: Model) -> frozenset[str]:
     return frozenset(each.name for each, owner in pairs if owner and each.prior is not None)
 
 
-def _fit(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]) -> FitResult:
+def _fit(
+    model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float], *, fitted: bool = False
+) -> FitResult:
+    """`fitted`: all of `start` is where a fit of this model has ended."""
     chosen = {f"{term.effect}.{name}" for term in model.terms for name in term.choice}
     parameters = [
         # A period that is not determined stays the one that was chosen; an amplitude is none.
@@ -268,7 +271,7 @@ def _fit(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, f
         else replace(each, start=float(np.clip(start.get(each.name, each.start), each.lower, each.upper)))
         for each in model.parameters
     ]
-    if scanned := scanned_parameters(model):
+    if (scanned := scanned_parameters(model)) and not fitted:
         # A time or a frequency means something where its amplitude is right: that first.
         amplitudes_free = [replace(each, fixed=each.fixed or each.name in scanned) for each in parameters]
         sizes = np.nan_to_num(whitened_least_squares(model, noise, amplitudes_free).values)

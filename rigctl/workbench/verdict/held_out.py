@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 
-from rigctl.analysis.decomposition import svd
 from rigctl.core.arrays import BoolArray, FloatArray, IntArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import orthonormal
@@ -110,12 +109,13 @@ def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> Predicte
     # Eigenvalues of Q Q' on the block, by whichever side is smaller.
     if len(basis) < basis.shape[1]:
         share, vectors = np.linalg.eigh(basis @ basis.T)
+        fitted = share > _ONLY_HERE
+        vectors = vectors[:, fitted]
     else:
-        vectors, size, _ = svd(basis)
-        share = size**2
-    free = np.maximum(1.0 - share, _ONLY_HERE)
-    fitted = share > _ONLY_HERE
-    vectors, free = vectors[:, fitted], free[fitted]
+        share, ways = np.linalg.eigh(basis.T @ basis)
+        fitted = share > _ONLY_HERE
+        vectors = basis @ (ways[:, fitted] / np.sqrt(share[fitted]))
+    free = np.maximum(1.0 - share[fitted], _ONLY_HERE)
     # (1 - Q Q')^-1 = 1 + V (1 / free - 1) V' with eigenvectors V, since Q Q' is nil outside them.
     error = left + vectors @ ((1.0 / free - 1.0) * (vectors.T @ left))
     # Their covariance is 1 + V D V': little outside the few directions of V.

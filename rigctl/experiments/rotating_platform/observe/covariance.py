@@ -205,7 +205,7 @@ def _harmonics(
     nodes, shares = legendre.leggauss(_HARMONIC_NODES)
     order, interval = np.arange(_HARMONIC_NODES), np.arange(1, samples - 1)
     series = np.zeros((_HARMONIC_NODES, len(densities), len(weights), len(weights)), dtype=np.complex128)
-    for node, share in zip(nodes, shares, strict=True):
+    for node, share in zip(nodes[nodes > 0.0], shares[nodes > 0.0], strict=True):
         x = 0.5 * (node + 1.0)
         shifted = weights * np.exp(-2j * np.pi * x * np.arange(samples) / samples)
         transform = np.fft.fft(shifted)[:, 1:-1]
@@ -214,7 +214,9 @@ def _harmonics(
         conjugate, turned = transform.conj(), transform.T
         matrices = np.stack([(conjugate * two_sided(each, sided, frequency_hz)) @ turned for each in densities])
         polynomials = legendre.legvander(np.array([node]), _HARMONIC_NODES - 1)[0]
-        series += ((order + 0.5) * share * polynomials)[:, None, None, None] * matrices
+        along = ((order + 0.5) * share * polynomials)[:, None, None, None]
+        # Weights are real: at the node of the other sign the places are these, backwards and with the other sign.
+        series += along * matrices + (-1.0) ** order[:, None, None, None] * along * matrices.conj()
     return np.asarray(np.tensordot(legendre.legvander(2.0 * place - 1.0, _HARMONIC_NODES - 1), series, axes=1))
 
 

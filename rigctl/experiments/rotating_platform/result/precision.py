@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -182,7 +183,7 @@ def run_precision(
 ) -> Precision:
     """Precision of a run's mean acceleration in an hour, from `accel`, shape (periods,), and the `chain`'s noise."""
     # The chain's noise says what the paper's table 4 states; the run's own spectrum has the pendulum's in it.
-    theory = precision(sampled, chain, HOUR_S, estimator=estimator, sided=SIDED)
+    theory = _theory(sampled, chain, estimator)
     rows, rate_hz = coarser(weights(sampled, estimator)[:1], sampled.sample_rate_hz, _FINE)
     lags = covariance(rows, rate_hz, noise, sided=SIDED, lags=_LAGS)[:, 0, 0]
     period_s = sampled.pattern.period_s
@@ -192,3 +193,9 @@ def run_precision(
     except DataError:
         measured = None
     return Precision(theory, own_spectrum, measured)
+
+
+@lru_cache(maxsize=64)
+def _theory(sampled: SampledPattern, chain: PowerLawNoise, estimator: Estimator) -> float:
+    """In an hour; runs of one pattern ask it again and again."""
+    return precision(sampled, chain, HOUR_S, estimator=estimator, sided=SIDED)
