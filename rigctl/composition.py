@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from procedures.campaigns import campaigns_of
 from rigctl.campaign.origin import rig_file_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.experiments import experiment_named
@@ -41,7 +40,9 @@ def allowed_by_rig(store: Store) -> Allowed | None:
     header = store.header
     if not experiment_named(header.experiment).campaign:
         return None
-    from rigctl.rig import Rig  # drivers and simulators are a tenth of the time of `rigctl result`, which needs none
+    # Procedures, drivers and simulators are a tenth of the time of `rigctl result`, which needs none.
+    from procedures.campaigns import campaigns_of
+    from rigctl.rig import Rig
 
     measured_here = header.rig_toml is not None and header.campaign_toml is not None
     rig = Rig(rig_file_of(store), reachable=False) if measured_here else None

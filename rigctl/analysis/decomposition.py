@@ -58,7 +58,7 @@ class Triangle:
                 return None
             # The product of these norms is no less than the ratio of the largest singular value to the smallest.
             certain = np.linalg.norm(self.R) * np.linalg.norm(inverse) * self.rcond < 1.0
-        return inverse if certain else None
+        return np.asarray(inverse) if certain else None
 
     @cached_property
     def _singular(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -69,7 +69,7 @@ class Triangle:
     def rank(self) -> int:
         """Of the matrix."""
         if self.certain_inverse is not None:
-            return self.R.shape[1]
+            return int(self.R.shape[1])
         s = self._singular[1]
         return int(np.sum(s > self.rcond * s[0])) if s.size and s[0] > 0.0 else 0
 
@@ -121,7 +121,7 @@ def _by_gram(unit: FloatArray) -> tuple[Triangle, FloatArray] | None:
     """R of many columns, and its inverse, from their Gram matrix; None where that is not accurate, or no faster."""
     if MANY_COLUMNS <= unit.shape[1] <= unit.shape[0]:
         with suppress(np.linalg.LinAlgError):
-            triangle = Triangle(np.linalg.cholesky(unit.T @ unit).T, 1.0 / _WELL_CONDITIONED)
+            triangle = Triangle(np.asarray(np.linalg.cholesky(unit.T @ unit).T), 1.0 / _WELL_CONDITIONED)
             if triangle.certain_inverse is not None:
                 return triangle, triangle.certain_inverse
     return None

@@ -20,7 +20,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.workbench.model import versions
 from rigctl.workbench.model.versions import ModelVersion
 
-WORKED_OUT = (versions.VERSION, versions.FIT, versions.DIAGNOSIS, versions.ACCOUNT)
+WORKED_OUT = (versions.VERSION, versions.FIT, versions.COMPARISON, versions.DIAGNOSIS, versions.ACCOUNT)
 """Documents that are worked out from runs; all others, such as draws of a study, are what a result rests on."""
 
 SHOWN = 3

@@ -96,7 +96,10 @@ class Workbench:
         from rigctl.workbench.verdict.compare import compared
 
         chosen = version or self.current
-        found = compared(self.attempt(chosen), self.account(), chosen.version)
+        kept = versions.kept_comparison(self.store, self.plugin_files, chosen)
+        found = compared(self.attempt(chosen), self.account(), chosen.version, kept)
+        if kept is None and not self.store.readonly:
+            versions.keep_comparison(self.store, self.plugin_files, chosen, found.as_json())
         self._keep_account()
         return found
 

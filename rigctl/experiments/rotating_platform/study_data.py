@@ -10,12 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.kept import Kept
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.cells import Cells
-from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, channel_run, channel_runs
+from rigctl.experiments.rotating_platform.observe.channel_runs import (
+    ChannelRun,
+    channel_run,
+    channel_runs,
+    noise_recipe,
+)
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
 from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra
 from rigctl.experiments.rotating_platform.observe.observables import known_start_s
@@ -188,7 +194,7 @@ class RecordedRuns:
 
 def _reduced(source: RunSource, lines_hz: tuple[float, ...]) -> ReducedRuns:
     reduced = reduction(source, lines_hz).sorted_by(contents_of)
-    channels, refused = channel_runs(reduced.runs)
+    channels, refused = channel_runs(reduced.runs, Kept(source, noise_recipe(lines_hz)))
     left_out = {**reduced.left_out, **refused}
     if not channels:
         why = next(iter(left_out.values()), "it has no modulated run")

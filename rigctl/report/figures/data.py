@@ -21,7 +21,8 @@ CAPTIONS = "figures.md"
 
 @dataclass(frozen=True)
 class Plate(Generic[Row]):
-    """A figure to be written as NAME.svg and NAME.csv: `rows` are dataclasses, `draw` sees nothing else.
+    """A figure to be written as NAME.svg and NAME.csv: `rows` are dataclasses or named tuples, `draw` sees nothing
+    else.
 
     `draw` gives a figure of `rigctl.report.chart`, or one of matplotlib's.
     """
@@ -61,7 +62,7 @@ def file_name(text: str) -> str:
 
 def _write_csv(path: Path, rows: Sequence[object]) -> None:
     """One column per field; floats to the last digit, empty where there is no value."""
-    names = [field.name for field in fields(rows[0])]  # type: ignore[arg-type]
+    names = getattr(rows[0], "_fields", None) or [field.name for field in fields(rows[0])]  # type: ignore[arg-type]
     # The csv module writes its own line ends.
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

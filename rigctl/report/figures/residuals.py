@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,9 +36,11 @@ _SAME = 1e-3
 """Values closer than this share of their range are one set-point."""
 
 
-@dataclass(frozen=True)
-class ResidualRow:
-    """One datum under one version of the model; `level` is the word that `value` stands for, "" for a number."""
+class ResidualRow(NamedTuple):
+    """One datum under one version of the model; `level` is the word that `value` stands for, "" for a number.
+
+    A tuple: a report makes a hundred thousand of them.
+    """
 
     covariate: str
     value: float
@@ -84,20 +86,14 @@ def _rows(covariate: str, comparison: Comparison) -> Iterator[ResidualRow]:
     effects = " + ".join(term.effect for term in comparison.terms)
     values, levels = given.of_runs(covariate), given.levels.get(covariate, ())
     # Runs that do not have the covariate are no points.
-    for i in np.flatnonzero(np.isfinite(values)):
-        series = given.series[given.series_of[i]]
-        yield ResidualRow(
-            covariate,
-            float(values[i]),
-            # A covariate of words is kept as the places of its words.
-            levels[int(values[i])] if levels else "",
-            comparison.version,
-            effects,
-            series.channel,
-            series.component,
-            given.run_ids[given.run_of[i]],
-            float(comparison.residuals[i]),
-        )
+    known = np.flatnonzero(np.isfinite(values))
+    columns = (values, comparison.residuals, given.series_of, given.run_of)
+    for value, residual, number, run in zip(*(column[known].tolist() for column in columns), strict=True):
+        series = given.series[number]
+        # A covariate of words is kept as the places of its words.
+        level = levels[int(value)] if levels else ""
+        name = (series.channel, series.component)
+        yield ResidualRow(covariate, value, level, comparison.version, effects, *name, given.run_ids[run], residual)
 
 
 def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
@@ -105,11 +101,14 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
     rows = _together(rows)
     series = list(dict.fromkeys((row.channel, row.component) for row in rows))[:MAX_SERIES]
     versions = sorted({row.version: row.effects for row in rows}.items())
+    drawn_in: dict[tuple[str, str, int], list[ResidualRow]] = defaultdict(list)
+    for row in rows:
+        drawn_in[row.channel, row.component, row.version].append(row)
     figure = Figure(0.8 + 1.1 * len(series))
     panels = figure.subplots(len(series), len(versions), sharex=True, sharey="row", squeeze=False)
     for (channel, component), line in zip(series, panels, strict=True):
         for index, ((version, _), panel) in enumerate(zip(versions, line, strict=True)):
-            drawn = [r for r in rows if (r.channel, r.component, r.version) == (channel, component, version)]
+            drawn = drawn_in[channel, component, version]
             look = series_style(index)
             panel.axhspan(-LINEAR_SIGMA, LINEAR_SIGMA, color=SOFT, alpha=0.2)
             panel.axhline(0.0, color=SOFT, linewidth=0.6)
@@ -121,7 +120,8 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
                 markersize=2.4,
                 titles=[f"run {r.run_id}" for r in drawn],
             )
-        _scale(line[0], [r.residual_sigma for r in rows if (r.channel, r.component) == (channel, component)])
+        shown = [row for version, _ in versions for row in drawn_in[channel, component, version]]
+        _scale(line[0], [row.residual_sigma for row in shown])
         line[0].set_ylabel(f"{channel}\n{component}".strip())
     for (version, effects), panel in zip(versions, panels[0], strict=True):
         panel.set_title(_heading(version, effects))
@@ -144,7 +144,7 @@ def _together(rows: Sequence[ResidualRow]) -> Sequence[ResidualRow]:
         return rows
     if np.median(list(data.values())) >= FEWEST_POINTS:
         return rows
-    return [replace(row, component="") for row in rows]
+    return [row._replace(component="") for row in rows]
 
 
 def _heading(version: int, effects: str) -> str:

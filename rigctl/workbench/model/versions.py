@@ -24,7 +24,8 @@ from rigctl.core.errors import ConfigError
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.workbench.study import Term
 
-VERSION, FIT, DIAGNOSIS, ACCOUNT = "model-version", "model-fit", "diagnosis", "noise-account"
+VERSION, FIT, COMPARISON = "model-version", "model-fit", "comparison"
+DIAGNOSIS, ACCOUNT = "diagnosis", "noise-account"
 """Kinds of documents."""
 
 CODE = ("analysis", "effects", "experiments", "workbench")
@@ -260,6 +261,19 @@ def keep_fit(store: Store, plugins: Sequence[PluginFile], version: ModelVersion,
 def kept_fit(store: Store, plugins: Sequence[PluginFile], version: ModelVersion) -> dict[str, Any] | None:
     """The fit of a version to the runs that are valid now; None when there is none yet."""
     return _kept(store, FIT, "fit", version=version.version, data=data_key(store, plugins))
+
+
+def keep_comparison(
+    store: Store, plugins: Sequence[PluginFile], version: ModelVersion, comparison: Mapping[str, Any]
+) -> None:
+    """Keep how a version stands beside the runs that are valid now."""
+    key = {"version": version.version, "data": data_key(store, plugins)}
+    store.add_document(COMPARISON, {**key, "comparison": comparison})
+
+
+def kept_comparison(store: Store, plugins: Sequence[PluginFile], version: ModelVersion) -> dict[str, Any] | None:
+    """How a version stands beside the runs that are valid now; None when it has not been asked yet."""
+    return _kept(store, COMPARISON, "comparison", version=version.version, data=data_key(store, plugins))
 
 
 def keep_account(

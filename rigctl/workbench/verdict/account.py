@@ -18,7 +18,7 @@ import numpy as np
 
 from rigctl.core.errors import UNFIT
 from rigctl.workbench.study import Study, Term
-from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.attempt import Attempt, Ends
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.rather_than_noise import breaks_level
@@ -36,14 +36,13 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Account:
-    """The noise of a store's data: `richest` is the model it was estimated with, fitted from `start`.
+    """The noise of a store's data: `richest` is the model it was estimated with.
 
     `known` is None where no noise comes from the scatter: then each model's data tell it by themselves.
     """
 
     richest: Attempt
     known: KnownNoise | None
-    start: Mapping[str, float]
     _searches: dict[Hashable, Search] = field(default_factory=dict, repr=False, compare=False)
     _plain: dict[Hashable, Attempt] = field(default_factory=dict, repr=False, compare=False)
     _shared: Shared = field(default_factory=Shared, repr=False, compare=False)
@@ -61,11 +60,11 @@ class Account:
             return Attempt(study, terms, start=start, known=self.known, held=held)
         key = tuple(term.key for term in terms)
         if key not in self._plain:
-            # Nothing more was found: the account's own fit is this model's, in this noise.
-            fitted = self.richest if key == tuple(term.key for term in self.richest.terms) else None
-            self._plain[key] = Attempt(
-                study, terms, self.richest.seed, self._shared, known=self.known, fitted=fitted
-            )
+            if key == tuple(term.key for term in self.richest.terms):
+                # Nothing more was found: the account's own fit is this model's, in this noise.
+                self._plain[key] = self.richest.judged_by(self.known)
+            else:
+                self._plain[key] = Attempt(study, terms, self.richest.seed, self._shared, known=self.known)
         return self._plain[key]
 
     def search(
@@ -105,7 +104,12 @@ class Account:
 
     def as_document(self) -> dict[str, Any]:
         """What `recalled` needs."""
-        return _document(self.richest.terms, self.start)
+        ends = self.richest.ends
+        return {
+            "terms": [term.as_json() for term in self.richest.terms],
+            "ends": [dict(values) for values in ends.values],
+            "held": sorted(ends.held),
+        }
 
 
 def account_of(
@@ -130,44 +134,45 @@ def _searched(study: Study, joint: Sequence[Term], seed: int, progress: Callable
     search = Search(study, joint, LEVEL, seed, progress or (lambda _: None), shared=shared)
     first = search.attempt(search.given)
     if not first.estimator.from_scatter:
-        return Account(first, None, first.values, _shared=shared)
+        return Account(first, None, _shared=shared)
     search.run()
-    account, sets = _recallable(study, joint, search.found, search, shared), [search.found]
+    account, sets = _account_with(study, joint, search.found, search, shared), [search.found]
     for _ in range(ROUNDS):
         again = account.search(study, joint, seed=seed, progress=progress, fitted=account.attempt(study, joint))
         # What is not needed beside the others is no part of the account, unless without it it is found again.
         if again.found == sets[-1] or (account.covers(again.found) and again.found in sets):
             break
-        account = _recallable(study, joint, again.found, again, shared)
+        account = _account_with(study, joint, again.found, again, shared)
         sets.append(again.found)
     return account
 
 
-def _recallable(
+def _account_with(
     study: Study, joint: Sequence[Term], found: Sequence[Term], search: Search, shared: Shared
 ) -> Account:
-    """The account of a model by way of its document: the same whether just made or kept in a store."""
+    """The account of a model that a search has found."""
     try:
         made = search.attempt((*joint, *found))
-        return recalled(study, _document(made.terms, made.values), search.seed, shared)
+        if search.knows_noise:
+            # Its fit was judged by the noise of the account before.
+            made = Attempt(study, made.terms, search.seed, shared, start=made.values)
+        return _account(made, shared)
     except UNFIT:
         # Fitted on the way, from where smaller models ended, but not from its own end: determined by a hair.
         if not found:
             raise
-        return _recallable(study, joint, found[:-1], search, shared)
+        return _account_with(study, joint, found[:-1], search, shared)
 
 
-def recalled(study: Study, document: Mapping[str, Any], seed: int = 0, shared: Shared | None = None) -> Account:
-    """The account that a store keeps."""
-    shared = shared or Shared()
-    terms, start = [Term(each["effect"], each["choice"]) for each in document["terms"]], document["start"]
-    richest = Attempt(study, terms, seed, shared, start=start)
-    known = _known(richest) if richest.estimator.from_scatter else None
-    return Account(richest, known, start, _shared=shared)
+def recalled(study: Study, document: Mapping[str, Any], seed: int = 0) -> Account:
+    """The account that a store keeps: the same as when it was made."""
+    shared, terms = Shared(), [Term(each["effect"], each["choice"]) for each in document["terms"]]
+    ended = Ends(tuple(document["ends"]), frozenset(document["held"]))
+    return _account(Attempt(study, terms, seed, shared, ended=ended), shared)
 
 
-def _document(terms: Sequence[Term], start: Mapping[str, float]) -> dict[str, Any]:
-    return {"terms": [term.as_json() for term in terms], "start": dict(start)}
+def _account(richest: Attempt, shared: Shared) -> Account:
+    return Account(richest, _known(richest) if richest.estimator.from_scatter else None, _shared=shared)
 
 
 def _known(richest: Attempt) -> KnownNoise:

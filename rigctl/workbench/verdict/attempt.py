@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,12 +17,16 @@ from rigctl.core.errors import DataError
 from rigctl.workbench.families import families_of
 from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, ScansWithin, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
-from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, fit_with_given_noise
+from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, fit_with_given_noise, stated_noise
 from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.noise_alone import ChanceOfNoise, in_doubt
-from rigctl.workbench.verdict.noise_estimate import estimator_of, with_estimated_noise
+from rigctl.workbench.verdict.noise_estimate import (
+    estimator_of,
+    with_estimated_noise,
+    with_estimated_noise_again,
+)
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
 from rigctl.workbench.verdict.profiled import profiled
 from rigctl.workbench.verdict.questions import Questions
@@ -56,11 +61,21 @@ class Scored:
     score: Score
 
 
+@dataclass(frozen=True)
+class Ends:
+    """Where the fits of an attempt ended, `values` by name, with the stated noise and then with noise told by the one
+    before, and what they `held` at zero."""
+
+    values: tuple[Mapping[str, float], ...]
+    held: frozenset[str]
+
+
 class Attempt(FittedModel):
     """One set of terms: see the module's first line. `seed` fixes the draws behind corrected p-values,
     `shared` holds what attempts with this study have in common, `start` where to start from by parameter. With
     `known` noise nothing is estimated: all models of a store's data are judged by one noise. A model that is `fitted`
-    in such a noise, or in a smaller model's, is not fitted again."""
+    in such a noise, or in a smaller model's, is not fitted again; nor is one whose fits have `ended`: they are made
+    again from there."""
 
     def __init__(
         self,
@@ -72,6 +87,7 @@ class Attempt(FittedModel):
         known: KnownNoise | None = None,
         held: frozenset[str] = frozenset(),
         fitted: FittedModel | None = None,
+        ended: Ends | None = None,
     ) -> None:
         self.study = study
         self.terms = tuple(terms)
@@ -82,18 +98,34 @@ class Attempt(FittedModel):
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
         noise = None if known is None else known.noise_of(given)
+        if ended is not None:
+            fitted = FittedModel.where_it_ended(model, stated_noise(model), ended.held, ended.values[0])
         first = fitted or fit_with_given_noise(model, start or {}, noise, held)
         self._questions = Questions(study, model, first.result.values)
         self.family_of = families_of(study)
         self._shared = shared or Shared()
         self.generic = self._shared.generic(given)
         if known is not None and noise is not None:
-            self.estimator, last = known.estimator, first
+            self.estimator, fits = known.estimator, [first]
         else:
             self.estimator = estimator_of(first, lambda: self._questions.groups, self.generic)
-            last = with_estimated_noise(first, self.estimator)
-            self._questions = self._questions.at(last.result.values)
+            if ended is None:
+                fits = with_estimated_noise(first, self.estimator)
+            else:
+                fits = with_estimated_noise_again(first, self.estimator, ended.values[1:])
+            self._questions = self._questions.at(fits[-1].result.values)
+        last = fits[-1]
+        self.ends = Ends(tuple(each.values for each in fits), last.held)
         super().__init__(model, last.noise, last.held, last.result)
+
+    def judged_by(self, known: KnownNoise | None) -> Attempt:
+        """The same attempt where its noise is known from itself: what has been asked of it is not asked again."""
+        made = copy(self)
+        made._known = known
+        # By what noise parameters are uncertain is known too.
+        for name in ("noise_beside_fit", "uncertainty"):
+            made.__dict__.pop(name, None)
+        return made
 
     @property
     def candidates(self) -> list[Candidate]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +17,14 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
 from rigctl.workbench.verdict.noise_entries import noise_entries
+from rigctl.workbench.verdict.score import p_of
 from rigctl.workbench.verdict.stated_sigma import stated_sigma
 from rigctl.workbench.verdict.uneven_scatter import uneven_scatter
 
 WORST = 10
 # Enough for a slope, a bend or a step, and few enough to keep the test's power.
 BINS = 5
-TRENDS = 20
+TRENDS, _MEASURED_TRENDS = 20, 30
 _FEW = 3
 _OF_A_LINE = ("channel", "frequency_hz", "amplitude", "sigma", "unit", "p_value")
 
@@ -35,8 +36,8 @@ def compare(study: Study, terms: Sequence[Term], version: int = 1) -> Comparison
     return compared(account.attempt(study, terms), account, version)
 
 
-def compared(attempt: Attempt, account: Account, version: int) -> Comparison:
-    """What a fitted attempt leaves."""
+def compared(attempt: Attempt, account: Account, version: int, kept: Mapping[str, Any] | None = None) -> Comparison:
+    """What a fitted attempt leaves; of a comparison that is `kept`, `as_json`, what takes long is not asked again."""
     given, left = attempt.model.observations, attempt.whitened()
     channels = []
     plain, raw = attempt.noise.total_sigma(), attempt.unexplained()
@@ -60,10 +61,10 @@ def compared(attempt: Attempt, account: Account, version: int) -> Comparison:
         terms=attempt.terms,
         chi2=attempt.result.chi2,
         dof=attempt.result.dof,
-        p_value=adequacy(attempt, account),
+        p_value=adequacy(attempt, account) if kept is None else kept["p_value"],
         channels=tuple(channels),
         worst=tuple(_outlier(attempt, int(where), float(left[where])) for where in worst),
-        trends=_trends(attempt),
+        trends=_trends(attempt) if kept is None else tuple(Trend(**each) for each in kept["trends"]),
         lines=tuple(
             {key: getattr(line, key) for key in _OF_A_LINE}
             for line in attempt.study.lines(attempt.model)
@@ -89,31 +90,35 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
     """F tests of every series along every distinct covariate, the most significant first."""
     given, projector, sigma = attempt.model.observations, attempt.projector, attempt.noise.total_sigma()
     covariates = distinct(given.covariates)
-    trends: list[Trend] = []
-    for number, series in enumerate(given.series):
-        rows = np.flatnonzero(given.series_of == number)
-        asked = [
-            (name, columns)
-            for name in covariates
-            if (columns := _steps(given.of_runs(name)[rows], max(BINS, len(given.levels.get(name, ()))))) is not None
-        ]
-        if not asked:
-            continue
-        steps = np.hstack([columns for _, columns in asked])
+
+    def whitened(rows: IntArray, steps: FloatArray) -> FloatArray:
         whole = np.zeros((len(given.value), steps.shape[1]))
         # In units of each datum's noise, so that steps weigh alike once they are whitened.
         whole[rows] = steps * sigma[rows, None]
-        white = attempt.whitened_columns(whole)
-        ends = np.cumsum([columns.shape[1] for _, columns in asked])[:-1]
-        for (name, _), score in zip(asked, projector.scores(np.split(white, ends, axis=1)), strict=True):
-            if not score.dimension:
-                continue
-            rms = float(np.sqrt(score.statistic / len(rows)))
-            trends.append(Trend(series.channel, series.component, name, score.p_value, 1.0, rms))
-    count = len(trends)
-    strongest = sorted(trends, key=lambda trend: trend.p_value)[:TRENDS]
-    # Bonferroni: strict where covariates go together, but this is a table to look at and no verdict.
-    return tuple(replace(trend, p_value_corrected=min(count * trend.p_value, 1.0)) for trend in strongest)
+        return attempt.whitened_columns(whole)
+
+    tried: list[tuple[float, int, str, IntArray, FloatArray]] = []
+    for number in range(len(given.series)):
+        rows = np.flatnonzero(given.series_of == number)
+        asked = [
+            (name, steps)
+            for name in covariates
+            if (steps := _steps(given.of_runs(name)[rows], max(BINS, len(given.levels.get(name, ()))))) is not None
+        ]
+        if asked:
+            white = whitened(rows, np.hstack([steps for _, steps in asked]))
+            found = projector.statistics(white, [steps.shape[1] for _, steps in asked])
+            for (name, steps), (statistic, dimension) in zip(asked, found, strict=True):
+                if dimension:
+                    tried.append((float(p_of(statistic, dimension, np.inf)), number, name, rows, steps))
+    trends: list[Trend] = []
+    # Whatever degrees of freedom the noise has, the strongest are among these.
+    for _, number, name, rows, steps in sorted(tried, key=lambda each: each[0])[:_MEASURED_TRENDS]:
+        score, series = projector.score(whitened(rows, steps)), given.series[number]
+        # Bonferroni: strict where covariates go together, but this is a table to look at and no verdict.
+        corrected, rms = min(len(tried) * score.p_value, 1.0), float(np.sqrt(score.statistic / len(rows)))
+        trends.append(Trend(series.channel, series.component, name, score.p_value, corrected, rms))
+    return tuple(sorted(trends, key=lambda trend: trend.p_value)[:TRENDS])
 
 
 def _steps(values: FloatArray, bins: int) -> FloatArray | None:

@@ -51,6 +51,14 @@ class FittedModel:
         self.held = held
         self.result = result
 
+    @classmethod
+    def where_it_ended(
+        cls, model: Model, noise: Noise, held: frozenset[str], values: Mapping[str, float]
+    ) -> FittedModel:
+        """A fit that has been made, from the values where it ended: the same bit for bit."""
+        parameters = _from(model, held, values)
+        return cls(model, noise, held, whitened_least_squares(model, noise, parameters, max_iterations=0))
+
     def with_noise(self, noise: Noise) -> FittedModel:
         """The model fitted anew from here with another noise."""
         return FittedModel(self.model, noise, self.held, _fit(self.model, noise, self.held, self.values, fitted=True))
@@ -205,15 +213,20 @@ class FittedModel:
         return float(white @ white + pulls @ pulls)
 
 
+def stated_noise(model: Model) -> Noise:
+    """The noise as a model's observations state it."""
+    given = model.observations
+    return Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
+
+
 def fit_with_given_noise(
     model: Model, start: Mapping[str, float], noise: Noise | None = None, held: frozenset[str] = frozenset()
 ) -> FittedModel:
-    """Fit a model from `start`, by name, with `noise`, by default as its observations state it; `ProcedureError`.
+    """Fit a model from `start`, by name, with `noise`, by default as stated; `ProcedureError`.
 
     `held` parameters stay at zero, by default those that others imitate.
     """
-    given, scanned = model.observations, scanned_parameters(model)
-    noise = noise or Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
+    scanned, noise = scanned_parameters(model), noise or stated_noise(model)
     # Another choice of the same name is nowhere to start from.
     usable = {name: value for name, value in start.items() if name not in scanned}
     with suppress(*UNFIT):
@@ -263,14 +276,7 @@ def _fit(
     model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float], *, fitted: bool = False
 ) -> FitResult:
     """`fitted`: all of `start` is where a fit of this model has ended."""
-    chosen = {f"{term.effect}.{name}" for term in model.terms for name in term.choice}
-    parameters = [
-        # A period that is not determined stays the one that was chosen; an amplitude is none.
-        replace(each, start=each.start if each.name in chosen else 0.0, fixed=True)
-        if each.name in held
-        else replace(each, start=float(np.clip(start.get(each.name, each.start), each.lower, each.upper)))
-        for each in model.parameters
-    ]
+    parameters = _from(model, held, start)
     if (scanned := scanned_parameters(model)) and not fitted:
         # A time or a frequency means something where its amplitude is right: that first.
         amplitudes_free = [replace(each, fixed=each.fixed or each.name in scanned) for each in parameters]
@@ -282,6 +288,17 @@ def _fit(
     if not np.isfinite(result.values).all():
         raise ProcedureError(f"the runs do not determine the model: {result.reason}")
     return result
+
+
+def _from(model: Model, held: frozenset[str], start: Mapping[str, float]) -> list[Parameter]:
+    chosen = {f"{term.effect}.{name}" for term in model.terms for name in term.choice}
+    return [
+        # A period that is not determined stays the one that was chosen; an amplitude is none.
+        replace(each, start=each.start if each.name in chosen else 0.0, fixed=True)
+        if each.name in held
+        else replace(each, start=float(np.clip(start.get(each.name, each.start), each.lower, each.upper)))
+        for each in model.parameters
+    ]
 
 
 def _of_the_best_minimum(model: Model, noise: Noise, parameters: Sequence[Parameter], result: FitResult) -> FitResult:

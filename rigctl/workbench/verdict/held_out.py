@@ -63,10 +63,9 @@ class HeldOut:
         wanted = np.ones(self._data, dtype=bool) if series is None else np.isin(self._series_of, series)
         if not self.possible:
             return float("nan")
-        if further is None and wanted.all():
-            blocks = self.blocks
-        else:
-            blocks = [_predicted(basis[block], left[block], wanted[block]) for block in self._blocks]
+        # Many models with something more are compared with one that stays.
+        made = self._apart if further is None else [_Block.of(basis[block], left[block]) for block in self._blocks]
+        blocks = [each.predicted(wanted[block]) for each, block in zip(made, self._blocks, strict=True)]
         expected = sum(block.expected for block in blocks)
         return float(np.sqrt(sum(block.square for block in blocks) / expected)) if expected > 0.0 else float("nan")
 
@@ -84,7 +83,11 @@ class HeldOut:
     @cached_property
     def blocks(self) -> list[Predicted]:
         """Every block as the others predict it."""
-        return [_predicted(self._basis[b], self._residuals[b], np.ones(len(b), dtype=bool)) for b in self._blocks]
+        return [each.predicted(np.ones(len(each.error), dtype=bool)) for each in self._apart]
+
+    @cached_property
+    def _apart(self) -> list[_Block]:
+        return [_Block.of(self._basis[block], self._residuals[block]) for block in self._blocks]
 
 
 def rise_beyond_chance(after: HeldOut, before: HeldOut) -> float:
@@ -104,30 +107,44 @@ def rise_beyond_chance(after: HeldOut, before: HeldOut) -> float:
     return float(np.sum(change)) / spread if spread > 0.0 else 0.0
 
 
-def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> Predicted:
-    """A block where it was `seen`, from rows of the basis of what is fitted and of what the fit leaves."""
-    # Eigenvalues of Q Q' on the block, by whichever side is smaller.
-    if len(basis) < basis.shape[1]:
-        share, vectors = np.linalg.eigh(basis @ basis.T)
-        fitted = share > _ONLY_HERE
-        vectors = vectors[:, fitted]
-    else:
-        share, ways = np.linalg.eigh(basis.T @ basis)
-        fitted = share > _ONLY_HERE
-        vectors = basis @ (ways[:, fitted] / np.sqrt(share[fitted]))
-    free = np.maximum(1.0 - share[fitted], _ONLY_HERE)
-    # (1 - Q Q')^-1 = 1 + V (1 / free - 1) V' with eigenvectors V, since Q Q' is nil outside them.
-    error = left + vectors @ ((1.0 / free - 1.0) * (vectors.T @ left))
-    # Their covariance is 1 + V D V': little outside the few directions of V.
-    spread = vectors[seen] * np.sqrt((1.0 - free) / free)
-    gram = spread.T @ spread
-    along = spread.T @ error[seen]
-    square = error[seen] @ error[seen] - along @ np.linalg.solve(np.eye(len(gram)) + gram, along)
-    only_here = free <= _ONLY_HERE
-    # Such directions were fitted on the block itself, and each takes one of its degrees of freedom.
-    size = np.linalg.eigvalsh(gram[np.ix_(only_here, only_here)])
-    known_here = orthonormal(spread[:, only_here], _ONLY_HERE)
-    rest = spread[:, ~only_here]
-    rest = rest - known_here @ (known_here.T @ rest)
-    determinant = float(np.linalg.slogdet(np.eye(rest.shape[1]) + rest.T @ rest)[1])
-    return Predicted(float(square), float(seen.sum() - np.sum(size > 1.0)), determinant)
+@dataclass(frozen=True)
+class _Block:
+    """A block left out: its errors (n,), whose covariance is 1 + S S' with `spread` S (n, directions), and what is
+    `free` of each direction once the rest has been fitted, (directions,)."""
+
+    error: FloatArray
+    spread: FloatArray
+    free: FloatArray
+
+    @classmethod
+    def of(cls, basis: FloatArray, left: FloatArray) -> _Block:
+        """From its rows of the basis of what is fitted and of what the fit leaves."""
+        # Eigenvalues of Q Q' on the block, by whichever side is smaller.
+        if len(basis) < basis.shape[1]:
+            share, vectors = np.linalg.eigh(basis @ basis.T)
+            fitted = share > _ONLY_HERE
+            vectors = vectors[:, fitted]
+        else:
+            share, ways = np.linalg.eigh(basis.T @ basis)
+            fitted = share > _ONLY_HERE
+            vectors = basis @ (ways[:, fitted] / np.sqrt(share[fitted]))
+        free = np.maximum(1.0 - share[fitted], _ONLY_HERE)
+        # (1 - Q Q')^-1 = 1 + V (1 / free - 1) V' with eigenvectors V, since Q Q' is nil outside them.
+        error = left + vectors @ ((1.0 / free - 1.0) * (vectors.T @ left))
+        # Their covariance is 1 + V D V': little outside the few directions of V.
+        return cls(error, vectors * np.sqrt((1.0 - free) / free), free)
+
+    def predicted(self, seen: BoolArray) -> Predicted:
+        """The block where it was `seen`."""
+        error, spread = self.error[seen], self.spread[seen]
+        gram = spread.T @ spread
+        along = spread.T @ error
+        square = error @ error - along @ np.linalg.solve(np.eye(len(gram)) + gram, along)
+        only_here = self.free <= _ONLY_HERE
+        # Such directions were fitted on the block itself, and each takes one of its degrees of freedom.
+        size = np.linalg.eigvalsh(gram[np.ix_(only_here, only_here)])
+        known_here = orthonormal(spread[:, only_here], _ONLY_HERE)
+        rest = spread[:, ~only_here]
+        rest = rest - known_here @ (known_here.T @ rest)
+        determinant = float(np.linalg.slogdet(np.eye(rest.shape[1]) + rest.T @ rest)[1])
+        return Predicted(float(square), float(seen.sum() - np.sum(size > 1.0)), determinant)

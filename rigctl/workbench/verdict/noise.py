@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -101,10 +102,15 @@ class Noise:
 
     def total_sigma(self) -> FloatArray:
         """Standard deviation of each datum, correlations included, shape (n,)."""
+        return self._total_sigma
+
+    @cached_property
+    def _total_sigma(self) -> FloatArray:
         total = self.sigma.copy()
         for where, factor in self.factors:
             # The diagonal of L L': in R = 1 + ratio * kernel it is more than the white part's 1.
             total[where] *= np.sqrt(np.sum(factor**2, axis=1))
+        total.flags.writeable = False
         return total
 
 

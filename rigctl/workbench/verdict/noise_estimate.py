@@ -9,7 +9,7 @@ inflates the noise nor poses as red noise.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -183,10 +183,22 @@ def estimator_of(fitted: FittedModel, asked: Callable[[], Groups], generic: Gene
     return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible)
 
 
-def with_estimated_noise(fitted: FittedModel, estimator: NoiseEstimator) -> FittedModel:
-    """Fitted again with the noise of what is left, where that is not known beforehand."""
+def with_estimated_noise(fitted: FittedModel, estimator: NoiseEstimator) -> list[FittedModel]:
+    """Fitted again with the noise of what is left, where that is not known beforehand: all the fits, in order."""
     if not estimator.from_scatter and not np.isfinite(estimator.estimate(fitted.unexplained()).dof).any():
-        return fitted
+        return [fitted]
+    fits = [fitted]
     for _ in range(ROUNDS if estimator.from_scatter else 1):
-        fitted = fitted.with_noise(estimator.estimate(fitted.unexplained()))
-    return fitted
+        fits.append(fits[-1].with_noise(estimator.estimate(fits[-1].unexplained())))
+    return fits
+
+
+def with_estimated_noise_again(
+    fitted: FittedModel, estimator: NoiseEstimator, ends: Sequence[Mapping[str, float]]
+) -> list[FittedModel]:
+    """The same fits from the values where those after the first have ended."""
+    fits = [fitted]
+    for values in ends:
+        noise = estimator.estimate(fits[-1].unexplained())
+        fits.append(FittedModel.where_it_ended(fitted.model, noise, fitted.held, values))
+    return fits

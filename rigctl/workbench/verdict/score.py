@@ -73,17 +73,9 @@ class Projector:
 
     def score(self, columns: FloatArray) -> Score:
         """Of a candidate's whitened columns (n, d)."""
-        return self._score(columns, self.free(columns))
-
-    def scores(self, candidates: Sequence[FloatArray]) -> list[Score]:
-        """Of many candidates, projected together: one wide product takes a third of the time of many narrow ones."""
-        ends = np.cumsum([columns.shape[1] for columns in candidates])[:-1]
-        free = np.split(self.free(np.hstack(candidates)), ends, axis=1) if candidates else []
-        return list(map(self._score, candidates, free))
-
-    def _score(self, columns: FloatArray, free: FloatArray) -> Score:
         # Parameters' units differ by powers of ten: everything below is in columns of unit length.
         size = lengths(columns)
+        free = self.free(columns)
         keep = lengths(free) / np.where(size > 0.0, size, 1.0)
         seen = np.flatnonzero(keep > ABSORBED)
         estimate, sigma = np.zeros(len(size)), np.full(len(size), np.inf)
@@ -100,6 +92,25 @@ class Projector:
         dof = self.dof_of(basis)
         p_value = float(p_of(statistic, dimension, dof))
         return Score(statistic, dimension, dof, p_value, keep, estimate, sigma, lambda: basis)
+
+    def statistics(self, columns: FloatArray, counts: Sequence[int]) -> list[tuple[float, int]]:
+        """Statistic and dimension of each of many candidates; their whitened columns, so many each, are side by side.
+
+        From products of the columns alone, which takes a tenth of the time of scores.
+        """
+        shadow = self.basis.T @ columns
+        size = lengths(columns)
+        size = np.where(size > 0.0, size, 1.0)
+        gram = (columns.T @ columns - shadow.T @ shadow) / np.outer(size, size)
+        along, found = (columns.T @ self.left) / size, list[tuple[float, int]]()
+        for last, count in zip(np.cumsum(counts), counts, strict=True):
+            own = slice(last - count, last)
+            seen = np.diag(gram)[own] > ABSORBED**2
+            square, turn = np.linalg.eigh(gram[own, own][np.ix_(seen, seen)])
+            determined = square > ABSORBED**2 * square.max(initial=0.0)
+            parts = (turn[:, determined].T @ along[own][seen]) ** 2 / square[determined]
+            found.append((float(parts.sum()), len(parts)))
+        return found
 
     def dof_of(self, basis: FloatArray) -> float:
         """Degrees of freedom of the noise that a statistic on `basis` meets (Satterthwaite)."""

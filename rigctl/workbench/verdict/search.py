@@ -136,6 +136,11 @@ class Search:
         return None if impossible_parameters(made, added, self.alpha) else made
 
     @property
+    def knows_noise(self) -> bool:
+        """Whether every model is judged by one noise."""
+        return self._known is not None
+
+    @property
     def suggested(self) -> tuple[Term, ...]:
         """What was added to the given terms."""
         return tuple(term for term in self.terms if term not in self.given)

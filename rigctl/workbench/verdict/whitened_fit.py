@@ -11,12 +11,14 @@ from rigctl.workbench.verdict.noise import Noise
 MAX_ITERATIONS = 80
 
 
-def whitened_least_squares(model: Model, noise: Noise, parameters: Sequence[Parameter]) -> FitResult:
+def whitened_least_squares(
+    model: Model, noise: Noise, parameters: Sequence[Parameter], max_iterations: int = MAX_ITERATIONS
+) -> FitResult:
     """The parameters that explain the data best in units of their noise."""
     value = model.observations.value
     return least_squares(
         lambda p: noise.whiten(value - model.predict(p)),
         parameters,
         jacobian=lambda p: -noise.whiten(model.jacobian(p)),
-        max_iterations=MAX_ITERATIONS,
+        max_iterations=max_iterations,
     )

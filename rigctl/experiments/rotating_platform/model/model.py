@@ -33,6 +33,7 @@ _BIAS_STEP, _RATE_STEP = 1e-6, 1e-9
 _STEP_OF_TYPICAL = 1e-3
 # Below is the rounding of the reduction: brought to unit length it would be scored like an effect.
 _NEGLIGIBLE_SIGMAS = 1e-7
+_KEPT_AT_REST = 4
 
 
 class PlatformModel:
@@ -110,7 +111,8 @@ class PlatformModel:
                     signal = signal + each.effect(at.at(signal=signal), **sizes_for(channel, each, arguments))
             return signal
 
-        moved = turned(run, passed("platform_angle_rad", run, np.zeros(run.t.size)))
+        turns = any(each.effect.on == "platform_angle_rad" for each in self.placed)
+        moved = turned(run, passed("platform_angle_rad", run, np.zeros(run.t.size))) if turns else run
         reading = passed("reading_m_s2", moved, passed("force_m_s2", moved, moved.along) + run.signal)
         # What effects add only: the baseline is a thousand times the noise and is reduced exactly, sample by sample.
         return np.asarray(reading - before)
@@ -195,6 +197,16 @@ class PlatformModel:
 
 def at_rest(recorded: Recorded, channel: str, values: FloatArray) -> PlatformRuns:
     """The chain of a channel with the baseline's accelerations; `signal` is the bias of the baseline."""
+    # Candidates and amplitudes are asked for one after the other at one fit.
+    kept, key = recorded.kept_at_rest, (channel, values[: recorded.start.size].tobytes())
+    if key not in kept:
+        while len(kept) >= _KEPT_AT_REST:
+            del kept[next(iter(kept))]
+        kept[key] = _at_rest(recorded, channel, values)
+    return kept[key]
+
+
+def _at_rest(recorded: Recorded, channel: str, values: FloatArray) -> PlatformRuns:
     run = recorded.chain[channel]
     gain, z0, y0 = values[: len(SHARED)]
     a_z, a_y = gain * run.c_z + z0, y0 + run.c_y

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from scipy import interpolate, optimize, signal
+from scipy import interpolate, optimize
 
 from rigctl.core.arrays import ComplexArray, FloatArray, Int64Array
 
@@ -30,6 +30,18 @@ _POLYNOMIAL = Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
 
 ORDER, RIPPLE_DB, STOP_DB = 8, 0.1, 80.0
 """The anti-alias filter: elliptic."""
+
+# Its zeros and poles above the real axis for a pass band up to 1 rad/s. `scipy.signal.ellip` gives them, whose import
+# takes as long as all else that a comparison imports; a test holds them to it.
+_ZEROS = 1j * np.array([6.114739582663424, 2.2542450507067158, 1.6068871134245313, 1.422294322969245])
+_POLES = np.array(
+    [
+        -0.3790654392365567 + 0.2554466308634472j,
+        -0.2697216407994763 + 0.6749486270479467j,
+        -0.1425268647692632 + 0.92014053914743j,
+        -0.04268647955478023 + 1.0233323621050203j,
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -257,12 +269,11 @@ def filter_delay_s(cutoff_hz: float) -> float:
 def _anti_alias() -> tuple[ComplexArray, ComplexArray, float]:
     """The filter for a cut-off of 1 rad/s as one-pole filters side by side: one pole of each pair, its residue, and
     what passes at once."""
-    zeros, poles, gain = signal.ellip(ORDER, RIPPLE_DB, STOP_DB, 1.0, analog=True, output="zpk")
+    zeros, poles = (np.concatenate([each, each.conj()]) for each in (_ZEROS, _POLES))
     # An elliptic filter of even order has its ripple at zero frequency too: brought to unit gain there.
-    gain /= abs(gain * np.prod(-zeros) / np.prod(-poles))
-    upper = np.flatnonzero(poles.imag > 0.0)
-    residues = [gain * np.prod(poles[n] - zeros) / np.prod(poles[n] - np.delete(poles, n)) for n in upper]
-    return poles[upper], np.array(residues), float(gain) if len(zeros) == len(poles) else 0.0
+    gain = float(abs(np.prod(poles) / np.prod(zeros)))
+    residues = [gain * np.prod(pole - zeros) / np.prod(pole - poles[poles != pole]) for pole in _POLES]
+    return _POLES, np.array(residues), gain
 
 
 def _cycloid(u: FloatArray) -> FloatArray:

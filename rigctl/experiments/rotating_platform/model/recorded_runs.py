@@ -53,6 +53,11 @@ class Recorded:
         return replace(self._stacked, templates=templates(self.chain, self.start[: len(SHARED)], self.reduced))
 
     @cached_property
+    def kept_at_rest(self) -> dict[tuple[str, bytes], PlatformRuns]:
+        """The chains with the last baselines that were asked for, by channel and the baseline's values."""
+        return {}
+
+    @cached_property
     def _stacked(self) -> Observations:
         return stacked(self.channels, self.imagined, self.peaks)
 

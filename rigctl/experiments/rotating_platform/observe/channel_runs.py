@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from rigctl.analysis.kept import Kept, Packed, Recipe
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import GEOMETRY, Cells
@@ -24,6 +26,9 @@ from rigctl.experiments.rotating_platform.observe.run_noise import (
     white_sizes,
 )
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
+
+_NOISE_VERSION = 1
+"""Of what is kept: counted up whenever `_likelihood` would give other numbers."""
 
 _REWEIGHTED = 5
 # Of fewer none can be spared: then the first group stays, though a run may begin without a turn.
@@ -52,8 +57,16 @@ class ChannelRun:
     factor: FloatArray
 
 
-def channel_runs(runs: Sequence[PlatformRun]) -> tuple[list[ChannelRun], dict[str, str]]:
-    """All runs in both channels, z first, and by run_id why one is left out."""
+def noise_recipe(lines_hz: Sequence[float]) -> Recipe:
+    """By which runs with these lines taken off tell their noise."""
+    return Recipe("noise rotating-platform", _NOISE_VERSION, tuple(map(float, lines_hz)))
+
+
+def channel_runs(runs: Sequence[PlatformRun], kept: Kept) -> tuple[list[ChannelRun], dict[str, str]]:
+    """All runs in both channels, z first, and by run_id why one is left out.
+
+    What each run tells of its noise is `kept` by `noise_recipe`.
+    """
     reducers: list[tuple[PlatformRun, list[Reducer]]] = []
     left_out: dict[str, str] = {}
     for run in runs:
@@ -63,7 +76,10 @@ def channel_runs(runs: Sequence[PlatformRun]) -> tuple[list[ChannelRun], dict[st
             left_out[run.run_id] = f"run {run.run_id}: {error}"
     channels: list[ChannelRun] = []
     likelihoods_of = {
-        channel: [_likelihood(reducers_of_run[i]) for _, reducers_of_run in reducers]
+        channel: [
+            kept.once(f"{run.run_id} {channel}", partial(_told_by, reducers_of_run[i]), Likelihood.unpacked)
+            for run, reducers_of_run in reducers
+        ]
         for i, channel in enumerate(CHANNELS)
     }
     for number, (run, reducers_of_run) in enumerate(reducers):
@@ -92,6 +108,10 @@ def bias_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
     # Of a time within a cell: sum (u - mean u) t, t = u / (2 f_s).
     spread = cells.count * (cells.count**2 - 1.0) / 3.0 / (2.0 * cells.sample_rate_hz)
     return np.stack([ones, within], axis=1), np.stack([np.zeros_like(ones), spread], axis=1)
+
+
+def _told_by(reducer: Reducer) -> Packed:
+    return _likelihood(reducer).packed()
 
 
 def _likelihood(reducer: Reducer) -> Likelihood:

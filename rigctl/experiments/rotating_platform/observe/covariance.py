@@ -16,8 +16,9 @@ Measurement 46 (2013) 1411, eq. 1; 1 for the usual estimates over positive frequ
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -71,6 +72,8 @@ _NODES = 8
 _GRADING = 20
 _ZERO = 1e-9
 _COLUMNS = 2**14
+_KEPT_NUMBERS = 2**14
+"""Transforms of no more weights are kept."""
 
 
 def two_sided(density: Density, sided: Sided, frequency_hz: FloatArray) -> FloatArray:
@@ -202,14 +205,11 @@ def _harmonics(
     Shape (places, densities, outputs, outputs).
     """
     samples = weights.shape[1]
-    nodes, shares = legendre.leggauss(_HARMONIC_NODES)
     order, interval = np.arange(_HARMONIC_NODES), np.arange(1, samples - 1)
     series = np.zeros((_HARMONIC_NODES, len(densities), len(weights), len(weights)), dtype=np.complex128)
-    for node, share in zip(nodes[nodes > 0.0], shares[nodes > 0.0], strict=True):
-        x = 0.5 * (node + 1.0)
-        shifted = weights * np.exp(-2j * np.pi * x * np.arange(samples) / samples)
-        transform = np.fft.fft(shifted)[:, 1:-1]
+    for node, share, transform in _at_nodes(weights):
         # Beyond half the sampling rate the transform's places are negative frequencies.
+        x = 0.5 * (node + 1.0)
         frequency_hz = np.minimum(interval + x, samples - interval - x) * width_hz
         conjugate, turned = transform.conj(), transform.T
         matrices = np.stack([(conjugate * two_sided(each, sided, frequency_hz)) @ turned for each in densities])
@@ -220,20 +220,59 @@ def _harmonics(
     return np.asarray(np.tensordot(legendre.legvander(2.0 * place - 1.0, _HARMONIC_NODES - 1), series, axes=1))
 
 
+def _at_nodes(weights: FloatArray) -> Iterable[tuple[float, float, ComplexArray]]:
+    """The positive nodes of `_HARMONIC_NODES`, their shares, and W at them in every interval but the outer ones,
+    (outputs, samples - 2)."""
+    if weights.size > _KEPT_NUMBERS:
+        return _shifted_transforms(weights)
+    return _kept_transforms(weights.tobytes(), len(weights))
+
+
+# Runs of one pattern have the same weights.
+@lru_cache(maxsize=16)
+def _kept_transforms(weights: bytes, outputs: int) -> list[tuple[float, float, ComplexArray]]:
+    return list(_shifted_transforms(np.frombuffer(weights).reshape(outputs, -1)))
+
+
+def _shifted_transforms(weights: FloatArray) -> Iterator[tuple[float, float, ComplexArray]]:
+    samples = weights.shape[1]
+    nodes, shares = legendre.leggauss(_HARMONIC_NODES)
+    for node, share in zip(nodes[nodes > 0.0], shares[nodes > 0.0], strict=True):
+        shifted = weights * np.exp(-1j * np.pi * (node + 1.0) * np.arange(samples) / samples)
+        yield float(node), float(share), np.fft.fft(shifted)[:, 1:-1]
+
+
 def _transform(weights: FloatArray, place: FloatArray) -> ComplexArray:
     """W between zero and one over the period, shape (outputs, places), by its Chebyshev series."""
+    small = weights.size <= _KEPT_NUMBERS
+    series = _kept_series(weights.tobytes(), len(weights)) if small else _chebyshev_series(weights)
+    return np.asarray((chebyshev.chebvander(2.0 * place - 1.0, _TRANSFORM_NODES - 1) @ series).T)
+
+
+@lru_cache(maxsize=16)
+def _kept_series(weights: bytes, outputs: int) -> ComplexArray:
+    return _chebyshev_series(np.frombuffer(weights).reshape(outputs, -1))
+
+
+def _chebyshev_series(weights: FloatArray) -> ComplexArray:
+    """Of W between zero and one over the period, (nodes, outputs)."""
     samples = weights.shape[1]
     nodes = chebyshev.chebpts1(_TRANSFORM_NODES)
-    cycles = 0.5 * (nodes + 1.0) / samples
     transform = np.zeros((_TRANSFORM_NODES, len(weights)), dtype=np.complex128)
     for start in range(0, samples, _COLUMNS):
         part = weights[:, start : start + _COLUMNS]
-        index = np.arange(start, start + part.shape[1])
-        transform += np.exp(-2j * np.pi * cycles[:, None] * index) @ part.T
+        transform += _waves(samples, start, part.shape[1]) @ part.T
     series = chebyshev.chebvander(nodes, _TRANSFORM_NODES - 1).T @ transform * (2.0 / _TRANSFORM_NODES)
     # The constant counts half in a series of Chebyshev's polynomials.
     series[0] *= 0.5
-    return np.asarray((chebyshev.chebvander(2.0 * place - 1.0, _TRANSFORM_NODES - 1) @ series).T)
+    return np.asarray(series)
+
+
+@lru_cache(maxsize=4)
+def _waves(samples: int, start: int, count: int) -> ComplexArray:
+    """Of the Chebyshev nodes at some of the samples of a period, (nodes, count)."""
+    cycles = 0.5 * (chebyshev.chebpts1(_TRANSFORM_NODES) + 1.0) / samples
+    return np.asarray(np.exp(-2j * np.pi * cycles[:, None] * np.arange(start, start + count)))
 
 
 def _diverges(density: Density, width_hz: float) -> bool:

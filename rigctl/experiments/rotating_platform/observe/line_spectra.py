@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 from scipy.ndimage import uniform_filter1d
 
 from rigctl.analysis.kept import Kept, Packed
@@ -156,7 +156,7 @@ def _peak(parts: Sequence[_Part]) -> float:
     chances = sum(part.independent for part in parts) * math.sqrt(height) * math.exp(log_p)
     # One minus the chance that there is none as high.
     p = -math.expm1(-chances)
-    return float(stats.norm.isf(max(p, 1e-300))) if p < 1.0 else -8.0
+    return float(-special.ndtri(max(p, 1e-300))) if p < 1.0 else -8.0
 
 
 _IMAGES, _IMAGE_WIDTH = 40, 3.0
@@ -223,7 +223,7 @@ def _line_at(at: int, p_value: float, halves: FloatArray, scan: LineScan) -> Fou
 def _log_tail(power: FloatArray, count: FloatArray) -> FloatArray:
     """Logarithm of the probability that so many exponentials add up to more."""
     with np.errstate(divide="ignore"):
-        log_tail = stats.gamma.logsf(power, count)
+        log_tail = np.log(special.gammaincc(count, power))
     # A strong line's is beyond the range of floats: the first term of the tail's expansion.
     far = power > 10.0 * count + 100.0
     beyond = (count - 1.0) * np.log(np.maximum(power, 1.0)) - power - special.gammaln(count)

@@ -17,6 +17,7 @@ from functools import lru_cache, partial
 import numpy as np
 from scipy import special
 
+from rigctl.analysis.kept import Packed
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.covariance import Sided, covariances
@@ -56,6 +57,15 @@ class Likelihood:
     log: FloatArray
     white: FloatArray
     transforms: float
+
+    def packed(self) -> Packed:
+        """To be kept."""
+        return Packed({"transforms": self.transforms}, {"log": self.log, "white": self.white})
+
+    @classmethod
+    def unpacked(cls, kept: Packed) -> Likelihood:
+        """What was packed, bit for bit."""
+        return cls(kept.arrays["log"], kept.arrays["white"], float(kept.head["transforms"]))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
@@ -97,7 +97,7 @@ def angle_scan(
         return fitted
     left = readings - columns @ fitted.values
     chi2, dof = float(left @ np.linalg.solve(noise, left)), len(readings) - 3
-    if level_known and stats.chi2.sf(chi2, dof) >= _CONTRADICTED_P:
+    if level_known and special.chdtrc(dof, chi2) >= _CONTRADICTED_P:
         return fitted
     return replace(fitted, covariance=fitted.covariance * chi2 / dof) if dof else fitted
 

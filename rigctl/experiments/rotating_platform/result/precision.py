@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
@@ -103,7 +103,8 @@ def measured_precision(
     variance = float(((kept - kept.mean()) ** 2).mean()) / (1.0 - removed)
     dof = (kept.size - 1) / (1.0 + 2.0 * float(share @ rho**2))
     sigma = math.sqrt(variance * period_s / integration_s)
-    low, high = (sigma * math.sqrt(dof / stats.chi2.ppf(p, dof)) for p in (0.5 + 0.5 * level, 0.5 - 0.5 * level))
+    # Of a chi-square the larger value for the lower end.
+    low, high = (sigma * math.sqrt(dof / special.chdtri(dof, p)) for p in (0.5 - 0.5 * level, 0.5 + 0.5 * level))
     return MeasuredPrecision(sigma, (float(low), float(high)))
 
 
