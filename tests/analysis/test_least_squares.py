@@ -255,3 +255,41 @@ def test_a_derivative_whose_square_overflows_is_a_column_like_others() -> None:
     found = least_squares(lambda p: 3.0 + x + slopes @ p, parameters, jacobian=lambda _: slopes)
     assert found.verdict == "converged"
     np.testing.assert_allclose(found.values, [1e-200, 3.0], rtol=1e-9)
+
+
+class TestManyParameters:
+    """From `MANY_COLUMNS` on the Gram matrix is decomposed where it is accurate."""
+
+    @staticmethod
+    def problem(spoilt=0.0, columns=80):
+        rng = np.random.default_rng(8)
+        design = rng.normal(size=(400, columns))
+        # One column as good as the sum of two others.
+        design[:, -1] = spoilt * (design[:, 0] + design[:, 1]) + (1.0 - spoilt) * design[:, -1]
+        design *= 10.0 ** rng.uniform(-6.0, 6.0, columns)
+        y = design @ (rng.normal(size=columns) / np.linalg.norm(design, axis=0)) + 0.1 * rng.normal(size=400)
+        names = [Parameter(f"p{number}", 0.0) for number in range(columns)]
+        return design, y, least_squares(lambda p: y - design @ p, names, jacobian=lambda _: -design)
+
+    def test_is_the_textbook_solution(self):
+        design, y, fit = self.problem()
+        scale = np.linalg.norm(design, axis=0)
+        expected = np.linalg.lstsq(design / scale, y, rcond=None)[0] / scale
+        np.testing.assert_allclose(fit.values, expected, atol=1e-9 * np.abs(expected * scale).max() / scale.max())
+        root = np.linalg.inv(np.linalg.qr(design / scale)[1])
+        np.testing.assert_allclose(fit.covariance, root @ root.T / np.outer(scale, scale), rtol=1e-9)
+        assert fit.verdict == "converged"
+        assert fit.dof == 320
+
+    def test_columns_that_are_nearly_alike_are_fitted_all_the_same(self):
+        design, y, fit = self.problem(spoilt=1.0 - 1e-6)
+        scale = np.linalg.norm(design, axis=0)
+        left = y - design / scale @ np.linalg.lstsq(design / scale, y, rcond=None)[0]
+        assert fit.verdict == "converged"
+        assert fit.chi2 == pytest.approx(left @ left, rel=1e-9)
+
+    def test_columns_that_are_alike_are_named(self):
+        _, _, fit = self.problem(spoilt=1.0)
+        assert fit.verdict == "ill-conditioned"
+        assert np.flatnonzero(np.isnan(fit.values)).tolist() == [0, 1, 79]
+        assert "p79" in fit.reason

@@ -330,3 +330,15 @@ def test_what_is_left_of_batches_is_less_their_offsets_as_best_predicted() -> No
     offsets = (covariance * together) @ np.linalg.solve(covariance * correlation, residuals)
     assert without_offsets(batches, residuals) == pytest.approx(residuals - offsets, abs=1e-12)
     assert without_offsets(readings(24), residuals) is residuals
+
+
+def test_columns_that_concern_a_few_groups_are_whitened_as_all_are() -> None:
+    rng = np.random.default_rng(3)
+    groups = [rng.permutation(60)[:20] for _ in range(2)]
+    roots = [np.linalg.cholesky(np.eye(20) + 0.5 * np.exp(-np.abs(np.subtract.outer(range(20), range(20)))))] * 2
+    noise = Noise(rng.uniform(1.0, 2.0, 60), np.full(60, np.inf), tuple(zip(groups, roots, strict=True)), ())
+    columns = rng.standard_normal((60, 6))
+    columns[groups[0], :4] = columns[groups[1], 2:5] = 0.0
+    one_by_one = np.stack([noise.whiten(column) for column in columns.T], axis=1)
+    np.testing.assert_allclose(noise.whiten(columns), one_by_one, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(noise.colour(noise.whiten(columns)), columns, atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import pytest
 
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import opened_workbench
+from rigctl.core.arrays import FloatArray
+from rigctl.workbench.verdict import compare
 from rigctl.workbench.verdict.account import account_of, recalled
 from rigctl.workbench.verdict.search import Search
 
@@ -28,13 +31,26 @@ SIGMA, MONTHS = 2.5, 120
 @pytest.fixture(scope="module")
 def seasons(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten years of monthly temperatures, as of Nottingham: a season of 12 degF, white noise, no order told."""
-    place = tmp_path_factory.mktemp("seasons")
+    noise = np.random.default_rng(11).normal(0.0, SIGMA, MONTHS)
+    return recorded(tmp_path_factory.mktemp("seasons"), noise, TABLE)
+
+
+@pytest.fixture(scope="module")
+def slow_seasons(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with noise that relaxes in three months, along an order that is told, and a level that decays."""
+    noise = np.random.default_rng(12).normal(0.0, SIGMA, MONTHS)
+    for at in range(1, MONTHS):
+        noise[at] += np.exp(-1.0 / 3.0) * noise[at - 1]
+    table = TABLE.replace('"b0"', '"b0 * exp(-b1 * month)"\norder = "month"\nstart = { b0 = 50.0, b1 = 0.001 }')
+    return recorded(tmp_path_factory.mktemp("slow-seasons"), noise, table)
+
+
+def recorded(place: Path, noise: FloatArray, table: str) -> Path:
     month = np.arange(float(MONTHS))
-    rng = np.random.default_rng(11)
-    degf = 49.0 + 12.0 * np.cos(2.0 * np.pi * (month - 6.5) / 12.0) + rng.normal(0.0, SIGMA, MONTHS)
+    degf = 49.0 + 12.0 * np.cos(2.0 * np.pi * (month - 6.5) / 12.0) + noise
     bundle = place / "bundle"
     bundle.mkdir()
-    (bundle / "recording.toml").write_text(TABLE)
+    (bundle / "recording.toml").write_text(table)
     rows = "\n".join(f"{value!r},{at!r}" for value, at in zip(degf.tolist(), month.tolist(), strict=True))
     (bundle / "readings.csv").write_text(f"temp_degf,month\n{rows}\n")
     store = place / "seasons.rig.sqlite"
@@ -88,12 +104,35 @@ def test_the_ladder_falls_in_every_measure(told: dict[str, Any]) -> None:
     assert fall == pytest.approx(MONTHS * np.log(rss[0] / rss[1]), rel=1e-6)
 
 
-def test_an_account_is_the_same_however_often_it_is_kept_and_recalled(seasons: Path) -> None:
-    with opened_workbench(seasons) as bench:
+@pytest.mark.parametrize("store", ["seasons", "slow_seasons"])
+def test_an_account_is_the_same_however_often_it_is_kept_and_recalled(
+    store: str, request: pytest.FixtureRequest
+) -> None:
+    with opened_workbench(request.getfixturevalue(store)) as bench:
         made = account_of(bench.study, [()])
         kept = recalled(bench.study, made.as_document())
     assert kept.as_document() == made.as_document()
     np.testing.assert_array_equal(kept.richest.noise.sigma, made.richest.noise.sigma)
+    for name in ("values", "covariance", "residuals", "jacobian"):
+        np.testing.assert_array_equal(getattr(kept.richest.result, name), getattr(made.richest.result, name))
+
+
+def test_what_a_comparison_found_is_asked_once(
+    seasons: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Path(shutil.copy(seasons, tmp_path))
+    with opened_workbench(store) as bench:
+        first = bench.compare(bench.version(1))
+    monkeypatch.setattr(compare, "adequacy", lambda *_: pytest.fail("asked again"))
+    with opened_workbench(store) as bench:
+        again = bench.compare(bench.version(1))
+        assert again.as_json() == first.as_json()
+        np.testing.assert_array_equal(again.residuals, first.residuals)
+        # With another run the answer is another one.
+        run_id = bench.store.runs()[0].run_id
+        bench.store.mark(run_id, valid=False, reason="not this one")
+    with opened_workbench(store) as bench, pytest.raises(pytest.fail.Exception):
+        bench.compare(bench.version(1))
 
 
 def test_what_is_diagnosed_is_what_is_added(told: dict[str, Any]) -> None:

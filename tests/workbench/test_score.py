@@ -237,3 +237,25 @@ def test_rows_of_priors_count_as_data_but_have_no_noise_of_their_own() -> None:
     candidate = np.vstack([column, [[0.0]]])
     assert loose.score(candidate).dimension == 0
     assert held.score(candidate).keep == pytest.approx([100.0 / np.hypot(100.0, np.sqrt(10.0))])
+
+
+def test_statistics_of_many_candidates_are_those_of_each_alone() -> None:
+    rng = np.random.default_rng(5)
+    design, z = rng.standard_normal((200, 4)), rng.standard_normal(200)
+    projector = Projector(design, z, known(200), 200)
+    twice = rng.standard_normal((200, 1))
+    candidates = [
+        rng.standard_normal((200, 3)) * [1.0, 1e-6, 1e9],
+        # Absorbed by what is fitted, the same column twice, nothing at all.
+        design[:, :2] @ rng.standard_normal((2, 2)),
+        np.hstack([twice, -2.0 * twice]),
+        np.zeros((200, 2)),
+    ]
+    told = projector.statistics(np.hstack(candidates), [each.shape[1] for each in candidates])
+    for (statistic, dimension), score in zip(told, map(projector.score, candidates), strict=True):
+        assert dimension == score.dimension
+        assert statistic == pytest.approx(score.statistic, rel=1e-9)
+    assert [dimension for _, dimension in told] == [3, 0, 1, 0]
+    for alone, together in zip(map(projector.score, candidates), projector.scores(candidates), strict=True):
+        assert together.statistic == pytest.approx(alone.statistic, rel=1e-12)
+        np.testing.assert_allclose(together.sigma, alone.sigma, rtol=1e-9)

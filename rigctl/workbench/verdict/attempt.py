@@ -385,9 +385,12 @@ class Attempt(FittedModel):
     def _scored_groups(self, effect: str) -> list[ScanScores | list[Score]]:
         """The groups of an effect, scored once; the choices of a long scan together."""
         if effect not in self._scored:
+            groups = self._questions.of(effect)
+            few = [group for group in groups if len(group) < TOGETHER]
+            scores = iter(self._scoring.of_each(list(itertools.chain(*few))))
             self._scored[effect] = [
-                self._scoring.of_scan(group) if len(group) >= TOGETHER else list(map(self._scoring.of, group))
-                for group in self._questions.of(effect)
+                self._scoring.of_scan(group) if len(group) >= TOGETHER else list(itertools.islice(scores, len(group)))
+                for group in groups
             ]
         return self._scored[effect]
 

@@ -55,8 +55,13 @@ class Noise:
         scaled = columns / (self.sigma if columns.ndim == 1 else self.sigma[:, None])
         for where, factor in self.factors:
             # R = L L': L^-1 makes a correlated group independent. Many columns concern a few of the groups.
-            if (own := scaled[where]).any():
+            own = scaled[where]
+            used = np.flatnonzero(own.any(axis=0)) if own.ndim > 1 else None
+            if used is None or len(used) == own.shape[1]:
                 scaled[where] = solve_triangular(factor, own, lower=True, check_finite=False)
+            elif len(used):
+                white = solve_triangular(factor, own[:, used], lower=True, check_finite=False)
+                scaled[where[:, None], used] = white
         return np.asarray(scaled, dtype=np.float64)
 
     def whiten_rows(self, rows: IntArray, columns: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -73,9 +73,17 @@ class Projector:
 
     def score(self, columns: FloatArray) -> Score:
         """Of a candidate's whitened columns (n, d)."""
+        return self._score(columns, self.free(columns))
+
+    def scores(self, candidates: Sequence[FloatArray]) -> list[Score]:
+        """Of several, projected together."""
+        ends = np.cumsum([columns.shape[1] for columns in candidates])[:-1]
+        free = np.split(self.free(np.hstack(candidates)), ends, axis=1)
+        return list(map(self._score, candidates, free))
+
+    def _score(self, columns: FloatArray, free: FloatArray) -> Score:
         # Parameters' units differ by powers of ten: everything below is in columns of unit length.
         size = lengths(columns)
-        free = self.free(columns)
         keep = lengths(free) / np.where(size > 0.0, size, 1.0)
         seen = np.flatnonzero(keep > ABSORBED)
         estimate, sigma = np.zeros(len(size)), np.full(len(size), np.inf)

@@ -19,6 +19,9 @@ from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores, asked_
 from rigctl.workbench.verdict.score import Projector, Score, p_of
 from rigctl.workbench.verdict.shared import common_ratio
 
+_TOGETHER_AT_MOST = 4_000_000
+"""Numbers of columns that are whitened and projected at once."""
+
 
 class Scoring:
     """The scores of candidates in what a `projector` has left beside a `fitted` model.
@@ -31,12 +34,22 @@ class Scoring:
         self._projector, self._frame = projector, frame
         self._sketches: dict[int, FloatArray] = {}
 
+    def of_each(self, candidates: Sequence[Candidate]) -> list[Score]:
+        """Of several; those whose columns are there together."""
+        columns = [each.derivative for each in candidates if isinstance(each.columns, np.ndarray)]
+        if not columns or len(columns) < len(candidates) or sum(map(np.size, columns)) > _TOGETHER_AT_MOST:
+            return list(map(self.of, candidates))
+        ends = np.cumsum([each.shape[1] for each in columns])[:-1]
+        white = np.split(self._fitted.whitened_columns(np.hstack(columns)), ends, axis=1)
+        return [self._judged(score) for score in self._projector.scores(white)]
+
+    def _judged(self, score: Score) -> Score:
+        return score if self._frame is None else self._by_own_noise(score, self._frame)
+
     def of(self, candidate: Candidate) -> Score:
         """Of one candidate."""
         columns = self._fitted.whitened_columns(candidate.derivative)
-        score = self._projector.score(columns)
-        if self._frame is not None:
-            score = self._by_own_noise(score, self._frame)
+        score = self._judged(self._projector.score(columns))
         if isinstance(candidate.columns, np.ndarray | Scan):
             return score
         # Of columns that are made when they are asked for a sketch is kept, and the basis made again.
