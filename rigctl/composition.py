@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from rigctl.campaign.origin import rig_file_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.experiments import experiment_named
 from rigctl.effects.plugins import Plugin
@@ -42,6 +41,7 @@ def allowed_by_rig(store: Store) -> Allowed | None:
         return None
     # Procedures, drivers and simulators are a tenth of the time of `rigctl result`, which needs none.
     from procedures.campaigns import campaigns_of
+    from rigctl.campaign.origin import rig_file_of
     from rigctl.rig import Rig
 
     measured_here = header.rig_toml is not None and header.campaign_toml is not None

@@ -12,14 +12,18 @@ from rigctl.experiments.analysis import analysis_of
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.report.drawn import drawing_of
 from rigctl.report.tables.result_table import print_tables
+from rigctl.workbench.study import SearchesSamples
 from rigctl.workbench.workbench import Workbench
 
 
 def of(path: Path, plugins: Sequence[Path] = (), *, keep: bool = False) -> dict[str, Any]:
-    """The keys of `rigctl result --json`; `keep` what runs are reduced to, for what is asked next. `DataError`,
-    `ProcedureError`."""
+    """The keys of `rigctl result --json`; `keep` what samples are reduced to and searched for, which is asked next.
+    `DataError`, `ProcedureError`."""
     with opened_workbench(path, plugins, readonly=not keep) as workbench:
-        return of_workbench(workbench)
+        document = of_workbench(workbench)
+        if keep and workbench.store.runs(valid_only=True) and isinstance(workbench.study, SearchesSamples):
+            workbench.study.search_samples()
+        return document
 
 
 def of_workbench(workbench: Workbench) -> dict[str, Any]:

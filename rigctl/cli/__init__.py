@@ -78,7 +78,12 @@ def _run(arguments: list[str]) -> None:
 
             start(Path(place[0]) if place else None, ())
         case _:
-            _command(arguments or ["--help"])
+            # Nor is what a command imports: it collects from then on, and leaves that alone.
+            gc.disable()
+            try:
+                _command(arguments or ["--help"])
+            finally:
+                gc.enable()
 
 
 def _command(arguments: list[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib
 from functools import cache
 from importlib.util import find_spec
@@ -57,7 +58,11 @@ class LazyCommand(TyperCommand):
 
     def imported(self) -> Any:
         """The command in its module."""
-        return self._command_of(importlib.import_module(self._module))
+        module = importlib.import_module(self._module)
+        if not gc.get_freeze_count():  # a process that runs several commands has garbage by the second
+            gc.freeze()
+        gc.enable()
+        return self._command_of(module)
 
     def declared(self) -> Any:
         """The command with its arguments and options but without what it does, read from the source."""

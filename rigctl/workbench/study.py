@@ -264,6 +264,14 @@ class HasBreaks(Protocol):
 
 
 @runtime_checkable
+class SearchesSamples(Protocol):
+    """A study that looks through all samples for what the data made of them do not show, and keeps what it finds."""
+
+    def search_samples(self) -> None:
+        """Do it now, while what was measured is at hand: whatever is asked next needs it."""
+
+
+@runtime_checkable
 class DeclaresInseparable(Protocol):
     """A study that knows beforehand which effects no data of its kind can tell from the baseline."""
 

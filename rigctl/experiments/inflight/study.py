@@ -107,6 +107,10 @@ class InflightStudy(CatalogueStudy[FlightData]):
         columns = [data.baseline.shift(shared, change) for change in data.of_any_temperature(needing)]
         return np.stack(columns, axis=1) if columns else np.zeros((len(model.observations.value), 0))
 
+    def search_samples(self) -> None:
+        """For pulses, unsteady noise and lines between the known."""
+        self.data.recorded.scans  # noqa: B018  kept by the store as it is asked for
+
     def lines(self, model: Model) -> Sequence[Line]:
         """What the samples show beside the lines: pulses, unsteady noise, and the strongest line between the known.
 

@@ -257,9 +257,9 @@ def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[Fl
 
 def _smallest(each: _Scored, draws: NDArray[np.float32], fitted: NDArray[np.float32]) -> FloatArray:
     """Smallest p of each draw of noise over the shapes of a series."""
-    # One product, in single precision as the draws are: the count of trials needs no more.
-    columns = np.vstack([each.columns, -each.shadow]).astype(np.float32)
-    along = np.hstack([draws[:, each.where], fitted]) @ columns
+    # In single precision as the draws are: the count of trials needs no more.
+    along = draws[:, each.where] @ each.columns.astype(np.float32)
+    along -= fitted @ each.shadow.astype(np.float32)
     squares = np.square(along, out=along)
     count = len(each.statistic)
     statistic = squares[:, :count]

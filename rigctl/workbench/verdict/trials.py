@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.scan import Draws, ScanScores
 from rigctl.workbench.verdict.score import smallest_p
 
@@ -24,6 +23,8 @@ QUANTILE = 0.02
 _BELOW_ONE = 1.0 - 1e-16
 # Up to so many rows noise is drawn for each: draws along a basis would follow its signs, which rounding decides.
 _ROW_BY_ROW = 5000
+# Of the largest square: the span of unit columns ends where rounding begins.
+_SPANNED = 1e-12
 
 
 @dataclass
@@ -83,8 +84,10 @@ def _smallest(families: Mapping[str, Family], rows: int, seed: int) -> dict[str,
     else:
         # Only what the bases span is drawn: few numbers instead of one for every datum.
         draws = np.zeros((DRAWS, 0), dtype=np.float32)
-        frame = orthonormal(span, 1e-6) if span.shape[1] > 1 else span
-        along = _stream(seed).standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
+        square, turn = np.linalg.eigh(span.T @ span)
+        spanned = square > _SPANNED * square.max(initial=0.0)
+        root = np.sqrt(square[spanned])[:, None] * turn[:, spanned].T
+        along = _stream(seed).standard_normal((DRAWS, len(root))) @ root
     smallest, first, drawn = {}, 0, Draws(draws, (seed, rows))
     for name, family in families.items():
         dimensions = np.array([basis.shape[1] for basis in wide[name]], dtype=np.intp)

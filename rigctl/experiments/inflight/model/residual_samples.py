@@ -16,7 +16,7 @@ from rigctl.experiments.inflight.observe.grid import Grid, grid_of
 from rigctl.experiments.inflight.observe.pulses import FALL_S, RISE_S
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import AFTER_S, NEEDED, raw_series
-from rigctl.experiments.inflight.observe.weights import taper, templates
+from rigctl.experiments.inflight.observe.weights import sum_of_lines, taper, templates
 
 THRESHOLD_SIGMA = 6.0
 """Weaker pulses are not looked at."""
@@ -173,13 +173,8 @@ def _without_lines(lines_hz: Sequence[float], grid: Grid, left: FloatArray) -> F
     # A mean over a few samples leaves so much of a line.
     x = np.pi * np.array(lines_hz) * grid.step_s
     fitted[:-2] /= np.repeat(np.sin(every * x) / (every * np.sin(x)), 2)
-    cleared = np.empty_like(left)
-    for start in range(0, len(left), _CHUNK):
-        here = slice(start, start + _CHUNK)
-        t_s = grid.t_s[here]
-        cleared[here] = (
-            left[here] - fitted[:-2] @ templates(t_s, lines_hz) - fitted[-2] - fitted[-1] * (t_s - at_s.mean())
-        )
+    lines = sum_of_lines(fitted[:-2], grid.t_s, lines_hz)
+    cleared = left - lines - fitted[-2] - fitted[-1] * (grid.t_s - at_s.mean())
     return np.where(grid.present, cleared, 0.0)
 
 

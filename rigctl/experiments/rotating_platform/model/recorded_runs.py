@@ -242,11 +242,8 @@ class Recorded:
         return operators
 
     def reduced(self, added: Mapping[str, FloatArray]) -> FloatArray:
-        """The observables of what has these means over all cells of a channel, by channel; shape (n,)."""
-        observables = np.zeros(len(self._stacked.value))
-        for channel, means in added.items():
-            observables += self.operators[channel] @ means
-        return observables
+        """The observables of what has these means over all cells of a channel, by channel; shape (n,), or (n, k)."""
+        return np.asarray(sum(self.operators[channel] @ means for channel, means in added.items()))
 
 
 def _own_column(each: ChannelRun, name: str) -> FloatArray:

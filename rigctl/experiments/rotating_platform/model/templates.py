@@ -25,7 +25,7 @@ def templates(
     """`Observations.templates`: columns for one standard deviation of each condition over the kept samples.
 
     `chain` are all cells by channel, `shared` the baseline's gain of the tilt and accelerations along Z and Y,
-    `reduced` what gives the observables of means over the cells.
+    `reduced` what gives the observables of means over the cells, (cells, k).
     """
     gain, z0, y0 = shared.tolist()
     found: dict[tuple[int, str], FloatArray] = {}
@@ -36,14 +36,18 @@ def templates(
         share = along / np.sqrt(np.mean(along**2))
         weight = np.concatenate([each.count for each in run.cells])
         bias, acceleration = (_number(channel, component) for component in ("bias mean", "accel mean"))
+        named: list[tuple[int, str]] = []
+        columns: list[FloatArray] = []
         for name, values in _followed(run).items():
             if not np.isfinite(values).all() or not np.ptp(values) > 0.0:
                 continue
             away = values - np.average(values, weights=weight)
             away = away / np.sqrt(np.average(away**2, weights=weight))
-            found[bias, name] = reduced({channel: away})
-            found[acceleration, name] = reduced({channel: away * run.cos})
-            found[acceleration, OF_SIGNAL + name] = reduced({channel: away * share})
+            named += [(bias, name), (acceleration, name), (acceleration, OF_SIGNAL + name)]
+            columns += [away, away * run.cos, away * share]
+        if named:
+            # All at once: one column after the other takes three times as long.
+            found.update(zip(named, reduced({channel: np.stack(columns, axis=1)}).T.copy(), strict=True))
     return found
 
 
