@@ -258,7 +258,7 @@ def test_a_derivative_whose_square_overflows_is_a_column_like_others() -> None:
 
 
 class TestManyParameters:
-    """From `MANY_COLUMNS` on the Gram matrix is decomposed where it is accurate."""
+    """From `MANY_NUMBERS` on the Gram matrix is decomposed where it is accurate."""
 
     @staticmethod
     def problem(spoilt=0.0, columns=80):

@@ -24,14 +24,17 @@ def about_z(angle_rad: FloatArray) -> FloatArray:
 def from_vector(delta_rad: FloatArray) -> FloatArray:
     """R(delta) = exp([delta]x) for rotation vectors of shape (..., 3); shape (..., 3, 3) (Rodrigues)."""
     delta = np.asarray(delta_rad, dtype=np.float64)
-    angle = np.linalg.norm(delta, axis=-1)[..., None, None]
-    cross = np.zeros((*delta.shape[:-1], 3, 3))
-    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -delta[..., 2], delta[..., 1], -delta[..., 0]
-    cross -= np.swapaxes(cross, -1, -2)
+    x, y, z = (delta[..., i] for i in range(3))
+    angle = np.sqrt(x * x + y * y + z * z)
     # sin a / a and (1 - cos a) / a^2, in forms that are right at a = 0.
     first = np.sinc(angle / np.pi)
     second = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-    rotation: FloatArray = np.eye(3) + first * cross + second * (cross @ cross)
+    # Element by element, here and below: products of many small matrices take twenty times as long.
+    rotation = np.empty((*angle.shape, 3, 3))
+    for i, j, k, own in ((0, 1, 2, z), (1, 2, 0, x), (2, 0, 1, y)):
+        rotation[..., i, i] = 1.0 - second * (delta[..., j] ** 2 + delta[..., k] ** 2)
+        both = second * delta[..., i] * delta[..., j]
+        rotation[..., i, j], rotation[..., j, i] = both - first * own, both + first * own
     return rotation
 
 
@@ -51,11 +54,19 @@ def leaning(position: FloatArray) -> FloatArray:
 
 def lab_from_cube_mount(theta_rad: FloatArray, delta_rad: FloatArray) -> FloatArray:
     """Rz(theta) R(delta), shape (..., 3, 3): takes the nominal turntable directions of faces to the lab."""
-    rotation: FloatArray = about_z(theta_rad) @ from_vector(delta_rad)
-    return rotation
+    angle, turned = np.asarray(theta_rad, dtype=np.float64)[..., None], from_vector(delta_rad)
+    cos, sin = np.cos(angle), np.sin(angle)
+    first, second = turned[..., 0, :], turned[..., 1, :]
+    third = np.broadcast_to(turned[..., 2, :], np.broadcast_shapes((*cos.shape[:-1], 3), first.shape))
+    return np.stack([cos * first - sin * second, sin * first + cos * second, third], axis=-2)
 
 
 def components(rotation: FloatArray, directions: FloatArray, *onto: FloatArray) -> tuple[FloatArray, ...]:
     """Turned `directions` (..., 3) projected on each of the vectors `onto` (..., 3); each of the leading shape."""
-    turned = (rotation @ directions[..., None])[..., 0]
-    return tuple(np.sum(turned * each, axis=-1) for each in onto)
+    turned = [dot(rotation[..., i, :], directions) for i in range(3)]
+    return tuple(sum((turned[i] * each[..., i] for i in (1, 2)), turned[0] * each[..., 0]) for each in onto)
+
+
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Scalar products of vectors (..., 3)."""
+    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
