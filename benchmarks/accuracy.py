@@ -13,11 +13,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from machine import machine
 from scipy import stats
-from twin import CAMPAIGNS, twin
 
+from benchmarks.machine import machine
 from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
+from benchmarks.twin import CAMPAIGNS, twin
 from procedures.sensing_axis import sensing_axes
 from procedures.sensing_axis.campaign import plan as plan_of
 from rigctl.analysis.plane import ARCSEC

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import machine
 from scipy import stats
-from twin import CAMPAIGNS, twin
 
+from benchmarks.machine import machine
+from benchmarks.twin import CAMPAIGNS, twin
 from procedures.sensing_axis import sensing_axes
 from procedures.sensing_axis.campaign import plan as plan_of
 from rigctl.analysis.plane import ARCSEC

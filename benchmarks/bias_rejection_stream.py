@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterator
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from machine import conditions
 
+from benchmarks.machine import conditions
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
 from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates, estimates, outside_guard

@@ -20,7 +20,6 @@ import sys
 import tempfile
 import time
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 
 CAMPAIGN = Path(__file__).parent.parent / "campaigns" / "isa-flight-model.toml"
@@ -30,34 +29,11 @@ os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
-from machine import conditions
-from store_overhead import plain_sqlite
 
+from benchmarks.machine import conditions
+from benchmarks.processes import rigctl
+from benchmarks.store_overhead import plain_sqlite
 from rigctl import Store
-
-
-@dataclass(frozen=True)
-class Used:
-    """What a process took."""
-
-    wall_s: float
-    cpu_s: float
-    peak_mb: float
-
-
-def campaign(store: Path) -> Used:
-    """Run the command; `SystemExit` with its own words when it fails."""
-    said = store.with_suffix(".txt")
-    arguments = [sys.executable, "-m", "rigctl", "run", str(CAMPAIGN), "--store", str(store), "--yes"]
-    start = time.perf_counter()
-    with said.open("w") as file:
-        to_file = [(os.POSIX_SPAWN_DUP2, file.fileno(), 1), (os.POSIX_SPAWN_DUP2, file.fileno(), 2)]
-        child = os.posix_spawn(sys.executable, arguments, os.environ, file_actions=to_file)
-        _, status, usage = os.wait4(child, 0)
-    wall_s = time.perf_counter() - start
-    if status:
-        sys.exit(f"rigctl run: exit status {os.waitstatus_to_exitcode(status)}: {said.read_text()[-1000:]}")
-    return Used(wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0)
 
 
 def shapes(path: Path) -> list[tuple[float, int, int]]:
@@ -101,7 +77,7 @@ def main() -> int:
     used, floors = [], []
     for number in range(arguments.repeats):
         with tempfile.TemporaryDirectory(dir=arguments.directory) as name:
-            used.append(campaign(Path(name) / "flight.rig.sqlite"))
+            used.append(rigctl("run", CAMPAIGN, "--store", Path(name) / "flight.rig.sqlite", "--yes"))
             runs = shapes(Path(name) / "flight.rig.sqlite")
             floors.append(floor_s(Path(name) / f"floor-{number}.sqlite", runs, 100.0))
     wall_s, peak_mb = [one.wall_s for one in used], [one.peak_mb for one in used]
@@ -109,7 +85,7 @@ def main() -> int:
     print(conditions() + ", one core")
     print(f"{len(runs)} runs, {samples} samples of {runs[0][2]} channels; median of {len(used)} (least .. most)")
     print(line("campaign, wall time", "s", wall_s, LIMIT_S))
-    print(line("campaign, processor time", "s", [one.cpu_s for one in used]))
+    print(line("campaign, processor time", "s", [one.processor_s for one in used]))
     print(line("floor without instruments", "s", floors))
     print(line("campaign over floor", "", [a / b for a, b in zip(wall_s, floors, strict=True)]))
     print(line("peak memory", "MB", peak_mb, LIMIT_MB))

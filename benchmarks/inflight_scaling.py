@@ -27,8 +27,8 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 from distributed import LocalCluster
-from machine import conditions
 
+from benchmarks.machine import conditions
 from rigctl import runner
 from rigctl.campaign.store.store import Store
 from rigctl.core.workers import HERE, Workers

@@ -24,10 +24,10 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from inflight_plain import PlainSatellite, State
-from machine import conditions
 from scipy import signal
 
+from benchmarks.inflight_plain import PlainSatellite, State
+from benchmarks.machine import conditions
 from procedures.inflight.monte_carlo import Unit, reduce_unit
 from procedures.inflight.tables import MonteCarlo
 from rigctl.core.arrays import FloatArray

@@ -21,8 +21,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from machine import conditions
 
+from benchmarks.machine import conditions
 from rigctl.core.arrays import FloatArray
 from rigctl.core.satellites import FlightSession
 from rigctl.experiments.inflight.model.parameters import SHARED

@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from machine import machine
-from twin import Twin, twin
 
+from benchmarks.machine import machine
+from benchmarks.twin import Twin, twin
 from procedures.sensing_axis.bench import SetPoint
 from procedures.sensing_axis.mounting import Fixture, Mounting
 from procedures.sensing_axis.null_search import NullSearch, NullSearchSettings

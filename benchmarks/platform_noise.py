@@ -13,9 +13,9 @@ import resource
 import sys
 
 import numpy as np
-from machine import conditions
-from paired import pairs
 
+from benchmarks.machine import conditions
+from benchmarks.paired import pairs
 from simulators.worlds.platform_noise import NoiseStream, PowerLaw
 
 CHAIN = PowerLaw(white=3.1925e-5, red=9.052e-8, exponent=1.6384)

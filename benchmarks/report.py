@@ -9,10 +9,7 @@ report and its floor both begin with the program's start.
 
 from __future__ import annotations
 
-import os
-import resource
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -20,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import conditions
+from benchmarks.processes import ROOT, python, rigctl
 from rigctl.campaign.bundle.bundle import import_bundle
 
-ROOT = Path(__file__).parents[1]
 EXAMPLES = ("pontius", "unknown-effect")
 MAX_RATIO, MAX_BYTES = 1.5, 5_000_000
 ROWS = 3000
@@ -55,23 +52,13 @@ def measured(store: Path, place: Path) -> bool:
     """Print a store's figures; whether they are within what they should be."""
     copy, page = place / f"copy-{store.name}", place / "report.html"
     shutil.copy(store, copy)
-    floor = processor_s("-c", FLOOR, str(copy))
+    floor = python("-c", FLOOR, copy).processor_s
     shutil.copy(store, copy)
-    report = ("-m", "rigctl", "report", str(copy), "--out", str(page))
-    first, again = processor_s(*report), processor_s(*report)
+    first, again = (rigctl("report", copy, "--out", page).processor_s for _ in range(2))
     ratio, size = first / floor, page.stat().st_size
     name = store.name.removesuffix(".rig.sqlite")
     print(f"{name:24} {first:6.1f} s {again:6.1f} s {floor:6.1f} s {ratio:6.2f} {size / 1e6:5.2f} MB", flush=True)
     return ratio <= MAX_RATIO and size <= MAX_BYTES
-
-
-def processor_s(*arguments: str) -> float:
-    """Processor time of a Python process with one thread."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    subprocess.run([sys.executable, *arguments], check=True, capture_output=True, env=environment, cwd=ROOT)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
 def made(place: Path) -> list[Path]:

@@ -33,12 +33,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import conditions
-from paired import Pairs, pairs
-from store_overhead import plain_sqlite
-from tape import Tape
-from twin import CAMPAIGNS
 
+from benchmarks.machine import conditions
+from benchmarks.paired import Pairs, pairs
+from benchmarks.store_overhead import plain_sqlite
+from benchmarks.tape import Tape
+from benchmarks.twin import CAMPAIGNS
 from drivers.scpi import ScpiLink
 from drivers.transport import InProcessTransport
 from procedures.sensing_axis.bench import Bench, SetPoint

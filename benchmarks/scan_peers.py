@@ -34,8 +34,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import conditions
 
+from benchmarks.machine import conditions
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session.control import Control
 from rigctl.campaign.session.operator import Operator

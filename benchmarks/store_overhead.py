@@ -21,9 +21,9 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from machine import conditions
-from paired import Pairs, pairs, timed_s
 
+from benchmarks.machine import conditions
+from benchmarks.paired import Pairs, pairs, timed_s
 from rigctl.campaign.recording import Header
 from rigctl.campaign.store import checked_rows, ledger, synced
 from rigctl.campaign.store.checksums import ColumnSums

@@ -33,9 +33,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from machine import conditions
 from scipy.stats import binomtest
 
+from benchmarks.machine import conditions
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.study import TableStudy

@@ -25,8 +25,8 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from machine import conditions
 
+from benchmarks.machine import conditions
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.campaign.recording import READINGS, Header
 from rigctl.campaign.store.store import Store

@@ -17,8 +17,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from machine import conditions
 
+from benchmarks.machine import conditions
 from rigctl.analysis.lines import find_lines
 from rigctl.campaign.recording import Header
 from rigctl.campaign.store.store import Store

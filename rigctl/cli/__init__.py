@@ -17,6 +17,9 @@ from rigctl.report.plain_signs import on_standard_streams
 
 # The matrices here are small: a second thread only waits, and the other core belongs to the console.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Plain help: panels and colours take longer to import than all that a page of help needs. Typer asks while it is
+# imported, by whatever comes first.
+os.environ.setdefault("TYPER_USE_RICH", "0")
 
 TRACEBACK = "RIGCTL_TRACEBACK"
 """Environment variable for whoever hunts a bug of ours: show it in full."""

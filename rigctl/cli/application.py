@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from typing import Annotated
-
-# Plain help: panels and colours take longer to import than all that a page of help needs.
-os.environ.setdefault("TYPER_USE_RICH", "0")
 
 import typer
 

@@ -258,7 +258,9 @@ def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[Fl
 def _smallest(each: _Scored, draws: NDArray[np.float32], fitted: NDArray[np.float32]) -> FloatArray:
     """Smallest p of each draw of noise over the shapes of a series."""
     # In single precision as the draws are: the count of trials needs no more.
-    along = draws[:, each.where] @ each.columns.astype(np.float32)
+    # Gathered, draws of all rows would be copied for each series.
+    there = draws if len(each.where) == draws.shape[1] else draws[:, each.where]
+    along = there @ each.columns.astype(np.float32)
     along -= fitted @ each.shadow.astype(np.float32)
     squares = np.square(along, out=along)
     count = len(each.statistic)
