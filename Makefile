@@ -14,7 +14,7 @@ TABLES ?= 500
 # Programs that are started by the hundred, as tests do, are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup wheel docs docs-figures certificates console-operator console-looks console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full clean laser-dialects wire-dialects
+.PHONY: setup wheel docs docs-figures certificates console-operator console-looks console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full limits clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -60,6 +60,11 @@ docs: setup
 # linear algebra in each: threads that wait for one another cost a fifth of the processor time.
 pytest: setup
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile --durations 40 --durations-min 10
+
+# What each thing costs and how the cost grows: table and figure "Limits" of benchmarks/RESULTS.md, a quarter of an hour.
+limits: setup
+	mkdir -p out
+	$(BIN)/python benchmarks/limits.py --figure docs/img/growth.svg | tee out/limits.md
 
 # Recordings from elsewhere, the slow ones too: tests/foreign/README.md.
 foreign: setup

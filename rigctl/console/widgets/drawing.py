@@ -19,6 +19,7 @@ from rigctl.report.picture import Line, Picture, Scale
 # Rows from one tick to the next, and columns, labels between them.
 _ROWS_PER_TICK, _COLUMNS_PER_TICK = 3, 14
 _FLAT = 1e-3
+_BESIDE_HALF = 1e-5
 """Half the height of an axis on which nothing changes."""
 
 
@@ -57,7 +58,7 @@ class Area:
                 if each.at == round(each.at)
             ]
         places = scaled(np.array([each.at for each in found]), *self.x, self.width)
-        return {round(place): each.label for place, each in zip(places.tolist(), found, strict=True)}
+        return {cell(place): each.label for place, each in zip(places.tolist(), found, strict=True)}
 
 
 @dataclass
@@ -285,9 +286,14 @@ def _name_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
             sheet.put(row, area.width - len(meaning), meaning, DIM)
 
 
+def cell(place: float) -> int:
+    """The row or column of a place; half-way between two of them it is the last digit that would decide."""
+    return round(place + _BESIDE_HALF)
+
+
 def _row(value: float, area: Area) -> int:
     # Rows count from the top.
-    return area.height - 1 - round(float(scaled(np.array(value), *area.y, area.height)))
+    return area.height - 1 - cell(float(scaled(np.array(value), *area.y, area.height)))
 
 
 def _draw_line(sheet: _Sheet, line: Line) -> None:
@@ -317,7 +323,7 @@ def _draw_bars(sheet: _Sheet, line: Line) -> None:
         lowest = _row(float(low), area) if math.isfinite(low) else area.height - 1
         highest = _row(float(high), area) if math.isfinite(high) else 0
         for row in range(max(highest, 0), min(lowest, area.height - 1) + 1):
-            sheet.put(row, round(float(column)), "│", _ink(line, sheet.palette))
+            sheet.put(row, cell(float(column)), "│", _ink(line, sheet.palette))
 
 
 def _draw_marks(sheet: _Sheet, line: Line) -> None:
@@ -327,14 +333,14 @@ def _draw_marks(sheet: _Sheet, line: Line) -> None:
     columns = scaled(line.x, *area.x, area.width)
     for column, value in zip(columns, line.y, strict=True):
         if math.isfinite(column) and math.isfinite(value):
-            sheet.put(_row(float(value), area), round(float(column)), line.mark, _ink(line, sheet.palette))
+            sheet.put(_row(float(value), area), cell(float(column)), line.mark, _ink(line, sheet.palette))
 
 
 def _draw_cursor(sheet: _Sheet, on_axes: Picture, picture: Picture, cursor: Point) -> None:
     """The point it is on, and its values in the row that is farther from it."""
     area, line = sheet.area, on_axes.lines[cursor.line]
     x, y = float(line.x[cursor.place]), float(line.y[cursor.place])
-    row, column = _row(y, area), round(float(scaled(np.array(x), *area.x, area.width)))
+    row, column = _row(y, area), cell(float(scaled(np.array(x), *area.x, area.width)))
     if 0 <= row < area.height and 0 <= column < area.width:
         there = sheet.cells[row][column]
         sheet.reverse(row, column, "┼" if there in " ·╌" else there)
