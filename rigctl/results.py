@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
+from rigctl.core.errors import UNFIT
 from rigctl.experiments.analysis import analysis_of
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.report.drawn import drawing_of
@@ -22,7 +24,8 @@ def of(path: Path, plugins: Sequence[Path] = (), *, keep: bool = False) -> dict[
     with opened_workbench(path, plugins, readonly=not keep) as workbench:
         document = of_workbench(workbench)
         if keep and workbench.store.runs(valid_only=True) and isinstance(workbench.study, SearchesSamples):
-            workbench.study.search_samples()
+            with suppress(*UNFIT):  # the result stands; whoever asks for more is told why not
+                workbench.study.search_samples()
         return document
 
 

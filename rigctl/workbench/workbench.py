@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -99,7 +100,8 @@ class Workbench:
         kept = versions.kept_comparison(self.store, self.plugin_files, chosen)
         found = compared(self.attempt(chosen), self.account(), chosen.version, kept)
         if kept is None and not self.store.readonly:
-            versions.keep_comparison(self.store, self.plugin_files, chosen, found.as_json())
+            with suppress(DataError):  # a disk that is full: the numbers are as good
+                versions.keep_comparison(self.store, self.plugin_files, chosen, found.as_json())
         self._keep_account()
         return found
 

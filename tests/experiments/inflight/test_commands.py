@@ -1,17 +1,21 @@
 """A bundle of sessions through the commands: imported, reduced once, looked at, a model extended."""
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rigctl import Campaign
+from rigctl import Campaign, results
 from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.campaign.store.store import Store
 from rigctl.cli.application import app
 from rigctl.composition import opened_workbench
+from rigctl.core.errors import DataError
+from rigctl.experiments.inflight import study_data
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.experiments.inflight.result.published import published
@@ -69,6 +73,23 @@ def test_every_command_has_an_answer_and_the_model_grows(store, tmp_path):
     written = asked("report", store, "--out", tmp_path / "page.html", "--figures", tmp_path / "figures")["written"]
     assert any(path.endswith("estimates.csv") for path in written)
     assert "published" in CliRunner().invoke(app, ["result", str(store)]).stdout
+
+
+def test_a_campaign_searches_its_samples_once_and_its_result_stands_whatever_they_say(store, tmp_path, monkeypatch):
+    copy = Path(shutil.copy(store, tmp_path))
+    with Store.open(copy) as opened:
+        opened._connection.execute("DELETE FROM reductions WHERE recipe LIKE '%samples%'")
+
+    def no_search(_):
+        raise DataError("nothing to be searched")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(InflightStudy, "search_samples", no_search)
+        told = results.of(copy, keep=True)
+    assert results.of(copy, keep=True) == told
+    monkeypatch.setattr(study_data, "scan", lambda *_: pytest.fail("searched again"))
+    with opened_workbench(copy) as bench:
+        assert bench.study.lines(bench.study.model(())) is not None
 
 
 def test_every_number_of_its_certificate_is_recomputed(store, monkeypatch):

@@ -9,7 +9,16 @@ import pytest
 from scipy import signal
 
 from rigctl.core.arrays import FloatArray
-from rigctl.experiments.rotating_platform.model.motion import Motions, filter_delay_s, motion_of
+from rigctl.experiments.rotating_platform.model.motion import (
+    _POLES,
+    _ZEROS,
+    ORDER,
+    RIPPLE_DB,
+    STOP_DB,
+    Motions,
+    filter_delay_s,
+    motion_of,
+)
 
 RATE_HZ, TURN_S, BEFORE = 8.0, 4.0, 40
 TIMES_S: FloatArray = np.asarray((np.arange(-8, 80) + 0.5) / RATE_HZ)
@@ -27,6 +36,12 @@ def turned(law: Callable[[FloatArray], FloatArray], way: float = 1.0) -> Motions
     """A turn of which some tenths of a second are not masked."""
     t = (np.arange(60) - BEFORE + 0.5) / RATE_HZ
     return motion_of(way * law(np.clip((t + TURN_S - 0.3) / TURN_S, 0.0, 1.0)), BEFORE, RATE_HZ)
+
+
+def test_the_filter_has_the_zeros_and_poles_of_scipys() -> None:
+    zeros, poles, _ = signal.ellip(ORDER, RIPPLE_DB, STOP_DB, 1.0, analog=True, output="zpk")
+    np.testing.assert_allclose(np.sort_complex(_ZEROS), np.sort_complex(zeros[zeros.imag > 0.0]), rtol=1e-12)
+    np.testing.assert_allclose(np.sort_complex(_POLES), np.sort_complex(poles[poles.imag > 0.0]), rtol=1e-12)
 
 
 @pytest.mark.parametrize("cutoff_hz", [0.7, 4.0, 20.0])

@@ -32,7 +32,7 @@ ORDER, RIPPLE_DB, STOP_DB = 8, 0.1, 80.0
 """The anti-alias filter: elliptic."""
 
 # Its zeros and poles above the real axis for a pass band up to 1 rad/s. `scipy.signal.ellip` gives them, whose import
-# takes as long as all else that a comparison imports; a test holds them to it.
+# takes as long as all else that a comparison imports; the tests of motions have it.
 _ZEROS = 1j * np.array([6.114739582663424, 2.2542450507067158, 1.6068871134245313, 1.422294322969245])
 _POLES = np.array(
     [

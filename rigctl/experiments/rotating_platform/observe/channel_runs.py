@@ -25,10 +25,10 @@ from rigctl.experiments.rotating_platform.observe.run_noise import (
     run_noise,
     white_sizes,
 )
-from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
+from rigctl.experiments.rotating_platform.observe.store_reduction import VERSION, PlatformRun
 
 _NOISE_VERSION = 1
-"""Of what is kept: counted up whenever `_likelihood` would give other numbers."""
+"""Of what is kept: counted up whenever `_likelihood` would give other numbers of the same cells."""
 
 _REWEIGHTED = 5
 # Of fewer none can be spared: then the first group stays, though a run may begin without a turn.
@@ -59,7 +59,7 @@ class ChannelRun:
 
 def noise_recipe(lines_hz: Sequence[float]) -> Recipe:
     """By which runs with these lines taken off tell their noise."""
-    return Recipe("noise rotating-platform", _NOISE_VERSION, tuple(map(float, lines_hz)))
+    return Recipe("noise rotating-platform", _NOISE_VERSION, (VERSION, *map(float, lines_hz)))
 
 
 def channel_runs(runs: Sequence[PlatformRun], kept: Kept) -> tuple[list[ChannelRun], dict[str, str]]:
