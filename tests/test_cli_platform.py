@@ -6,12 +6,17 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from benchmarks.platform_sampler import SampledRun, record
 from rigctl import Campaign
 from rigctl.cli.application import app
+from rigctl.composition import opened_workbench
+from rigctl.experiments.rotating_platform.model.model import PlatformModel
+from rigctl.experiments.rotating_platform.observe import channel_runs
+from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
 from simulators.worlds.platform_settings import PlatformSettings
 
 RUNS = [
@@ -36,6 +41,21 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record(nature, RUNS, place / "bundle")
     run("import", place / "bundle", "--store", place / "s.rig.sqlite")
     return place / "s.rig.sqlite"
+
+
+def test_what_each_run_tells_of_its_noise_is_worked_out_once(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def channels() -> list[ChannelRun]:
+        with opened_workbench(store) as bench:
+            model = bench.study.model(())
+            assert isinstance(model, PlatformModel)
+            return list(model.recorded.channels)
+
+    first = channels()
+    monkeypatch.setattr(channel_runs, "_likelihood", lambda _: pytest.fail("worked out again"))
+    for one, other in zip(first, channels(), strict=True):
+        assert (one.noise.white, one.noise.dof) == (other.noise.white, other.noise.dof)
+        np.testing.assert_array_equal(one.noise.red, other.noise.red)
+        np.testing.assert_array_equal(one.factor, other.factor)
 
 
 def test_a_notebook_has_the_result_of_the_platform(store: Path) -> None:
