@@ -265,8 +265,8 @@ def _warned(rungs: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _amount(evidence: Evidence) -> str:
-    observations = evidence.comparisons[-1].observations
-    data, runs = len(observations.value), len(observations.run_ids)
+    # Some experiments make several blocks of data of a run: runs are those of the store.
+    data, runs = len(evidence.comparisons[-1].observations.value), len(evidence.store.runs(valid_only=True))
     if of_readings(evidence.store.header.experiment):
         return counted(data, "reading")
     return f"{counted(data, 'datum', 'data')} of {counted(runs, 'run')}"
