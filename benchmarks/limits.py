@@ -2,9 +2,9 @@
 
     python benchmarks/limits.py [--only WORD ...] [--figure FILE.svg]
 
-One command for the table and the figure "Limits" of RESULTS.md; some 20 minutes. Each row is the median of pairs,
-ours and its floor in turn, in processor time of one core where nothing else is said. Goals are those one would want; a
-row that misses its goal says so, and the exit status stays 0: this is a record and no test.
+One command for the table and the figure "Limits" of RESULTS.md, some seven minutes. Each row is the median of pairs,
+ours and its floor in turn, in processor time of one core where nothing else is said. Goals are those one would want.
+A row that misses its goal says so, and the exit status stays 0: this is a record and no test.
 """
 
 from __future__ import annotations

@@ -198,8 +198,8 @@ def test_a_template_tells_what_no_series_shows_alone(made_up: Any) -> None:
     attempt = Attempt(made_up.study(3, foreign=made_up.sized(column[:, None], 8.0)), ())
     given = attempt.model.observations
     told = Generic(replace(given, templates={(2, "count"): column}))
-    best = told.best(attempt.noise, attempt.projector, np.random.default_rng(1))
-    alone = Generic(given).best(attempt.noise, attempt.projector, np.random.default_rng(1))
+    best = told.best(attempt.noise, attempt.projector, (1,))
+    alone = Generic(given).best(attempt.noise, attempt.projector, (1,))
     assert best is not None
     assert alone is not None
     assert alone.p_value_corrected > 0.01
@@ -214,7 +214,7 @@ def test_a_statistic_is_that_of_its_p_value(made_up: Any) -> None:
     theta = np.radians(made_up.conditions()["theta_deg"])
     foreign = np.concatenate([np.zeros(48), 6.0 * np.cos(3.0 * theta) + 2.0, np.zeros(48)])
     attempt = Attempt(made_up.study(3, foreign=foreign), ())
-    best = Generic(attempt.model.observations).best(attempt.noise, attempt.projector, np.random.default_rng(1))
+    best = Generic(attempt.model.observations).best(attempt.noise, attempt.projector, (1,))
     assert best is not None
     exact = attempt.projector.score(attempt.whitened_columns(best.columns))
     assert (best.statistic, best.dimension) == (pytest.approx(exact.statistic), exact.dimension)

@@ -413,7 +413,7 @@ class Attempt(FittedModel):
     @cached_property
     def best_shape(self) -> Best | None:
         """The strongest of them in what is left."""
-        return self.generic.best(self.noise, self.projector, np.random.default_rng([self.seed, 2]))
+        return self.generic.best(self.noise, self.projector, (self.seed, 2))
 
     def corrected(self, p_value: float, effect: str) -> float:
         """A p-value of an effect of the catalogue, for the trials."""

@@ -54,11 +54,10 @@ def _shapes_left(attempt: Attempt, alpha: float, seed: int) -> list[Best]:
     """Plain shapes that are significant one after another, the strongest first."""
     shapes: list[Best] = []
     shape = attempt.best_shape
-    rng = np.random.default_rng([seed, 4])
     columns = np.zeros((len(attempt.left), 0))
     while shape is not None and shape.p_value_corrected < SHAPES_SHARE * alpha and len(shapes) < MOST_SHAPES:
         shapes.append(shape)
         columns = np.hstack([columns, attempt.whitened_columns(shape.columns)])
         # Those found before are fitted along: the next one is of what they leave.
-        shape = attempt.generic.best(attempt.noise, attempt.projector_with(columns), rng)
+        shape = attempt.generic.best(attempt.noise, attempt.projector_with(columns), (seed, 4), len(shapes) - 1)
     return shapes

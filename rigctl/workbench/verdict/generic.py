@@ -58,6 +58,7 @@ class Generic:
         self._kept: dict[int, Part] = {}
         self._names: dict[int, list[Factor]] = {}
         self._main: dict[bytes, FloatArray] = {}
+        self._streams: dict[tuple[int, ...], tuple[np.random.Generator, list[NDArray[np.float32]]]] = {}
 
     def _parts(self) -> Iterator[Part]:
         """Series by series; kept where that takes little memory."""
@@ -113,13 +114,14 @@ class Generic:
             blocks.append(columns)
         return np.hstack(blocks)
 
-    def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
-        """The strongest shape in the residuals; None where all shapes are absorbed."""
+    def best(self, noise: Noise, projector: Projector, stream: tuple[int, ...], number: int = 0) -> Best | None:
+        """The strongest shape in the residuals; None where all shapes are absorbed. Trials are counted in draws of
+        this `number` in a random `stream`."""
         rows = len(projector.left)
         sketch = sketch_of(rows) if rows > _FEW_DATA else None
         drawn = rows if sketch is None else sketch.buckets
         # Single precision, and fewer draws of long data: the count of trials needs no more.
-        draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn), dtype=np.float32)
+        draws = self._draws(stream, number, (min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn))
         basis = projector.basis if sketch is None else sketch.of(projector.basis)
         fitted = draws @ basis.astype(np.float32)
         smallest = np.ones(len(draws))
@@ -160,6 +162,13 @@ class Generic:
             described,
             described_columns,
         )
+
+    def _draws(self, stream: tuple[int, ...], number: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Every model of the same data is asked in the same draws: they are made once."""
+        rng, made = self._streams.setdefault((*stream, *shape), (np.random.default_rng(stream), []))
+        while len(made) <= number:
+            made.append(rng.standard_normal(shape, dtype=np.float32))
+        return made[number]
 
     def smallest(self, noise: Noise, projector: Projector, draws: NDArray[np.float32]) -> FloatArray:
         """The smallest p over all shapes in each draw (draws, n + priors) of what is left."""
@@ -257,16 +266,21 @@ def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[Fl
 
 def _smallest(each: _Scored, draws: NDArray[np.float32], fitted: NDArray[np.float32]) -> FloatArray:
     """Smallest p of each draw of noise over the shapes of a series."""
-    # In single precision as the draws are: the count of trials needs no more.
+    count, pairs = len(each.statistic), len(each.pairs)
+    single = np.ones(count, dtype=np.bool_)
+    single[each.pairs] = False
+    # Pairs, their second columns, the others: squares are then added and compared in one piece.
+    order = np.concatenate([each.pairs, np.arange(count, count + pairs), np.flatnonzero(single)])
     # Gathered, draws of all rows would be copied for each series.
     there = draws if len(each.where) == draws.shape[1] else draws[:, each.where]
-    along = there @ each.columns.astype(np.float32)
-    along -= fitted @ each.shadow.astype(np.float32)
+    # In single precision as the draws are: the count of trials needs no more.
+    along = there @ each.columns[:, order].astype(np.float32)
+    along -= fitted @ each.shadow[:, order].astype(np.float32)
     squares = np.square(along, out=along)
-    count = len(each.statistic)
-    statistic = squares[:, :count]
-    statistic[:, each.pairs] += squares[:, count:]
-    return smallest_p(statistic, each.dimension)
+    both = squares[:, :pairs]
+    both += squares[:, pairs : 2 * pairs]
+    smallest = smallest_p(both, each.dimension[each.pairs])
+    return np.minimum(smallest, smallest_p(squares[:, 2 * pairs :], each.dimension[single]))
 
 
 def _sketched(each: _Scored, sketch: Sketch) -> _Scored:
