@@ -27,7 +27,8 @@ def test_stop_is_clicked_while_a_stage_moves(serve: Any, at_console: Any) -> Non
 
     async def sitting(seat: Any) -> None:
         await seat.until(lambda: seat.app._holding.bench)
-        await seat.until(lambda: all(view.state == "ready" for view in seat.app._holding.bench.views()))
+        # Drawn, and not only known: a click goes where the lines are by then.
+        await seat.until(lambda: seat.text.count("● ready") == len(seat.app._holding.bench.views()))
         await seat.pilot.click("#instruments", offset=(3, 2))
         await seat.sees("stage: linear")
         await seat.pilot.click("#instruments", offset=(3, 1))
