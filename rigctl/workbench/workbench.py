@@ -99,10 +99,10 @@ class Workbench:
         chosen = version or self.current
         kept = versions.kept_comparison(self.store, self.plugin_files, chosen)
         found = compared(self.attempt(chosen), self.account(), chosen.version, kept)
-        if kept is None and not self.store.readonly:
-            with suppress(DataError):  # a disk that is full: the numbers are as good
+        with suppress(DataError):  # a disk that is full: the numbers are as good
+            if kept is None and not self.store.readonly:
                 versions.keep_comparison(self.store, self.plugin_files, chosen, found.as_json())
-        self._keep_account()
+            self._keep_account()
         return found
 
     @one_thread

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.bundle.bundle import import_bundle
+from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
 from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
+from rigctl.workbench.model import versions
 from rigctl.workbench.verdict import compare
 from rigctl.workbench.verdict.account import account_of, recalled
 from rigctl.workbench.verdict.search import Search
@@ -133,6 +136,21 @@ def test_what_a_comparison_found_is_asked_once(
         bench.store.mark(run_id, valid=False, reason="not this one")
     with opened_workbench(store) as bench, pytest.raises(pytest.fail.Exception):
         bench.compare(bench.version(1))
+
+
+def test_a_full_disk_keeps_nobody_from_a_comparison(
+    seasons: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Path(shutil.copy(seasons, tmp_path))
+
+    def full(*_: object) -> int:
+        raise DataError("no space left")
+
+    for kept in ("kept_comparison", "kept_account"):
+        monkeypatch.setattr(versions, kept, lambda *_: None)
+    monkeypatch.setattr(Store, "add_document", full)
+    with opened_workbench(store) as bench:
+        assert np.isfinite(bench.compare(bench.version(1)).chi2)
 
 
 def test_what_is_diagnosed_is_what_is_added(told: dict[str, Any]) -> None:
