@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import linalg, optimize, special
+from scipy import linalg, special
 
 from rigctl.core.arrays import FloatArray, IntArray
 
@@ -87,6 +87,7 @@ def _least(cost: Cost, count: int) -> FloatArray:
     none = np.zeros(count)
     if not count:
         return none
+    from scipy import optimize
 
     def of_logs(logs: FloatArray) -> float:
         return cost(np.exp(np.clip(logs, *_LOG_RATIO)))

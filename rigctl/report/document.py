@@ -14,8 +14,8 @@ from rigctl.core.experiments import of_readings
 from rigctl.report import html
 from rigctl.report.drawn import Drawn, drawing_of
 from rigctl.report.figure_script import HINT, SCRIPT, STYLE
-from rigctl.report.figures.data import Plate, write_plates
-from rigctl.report.figures.residuals import residual_plates
+from rigctl.report.figures.data import Plate, file_name, write_plates
+from rigctl.report.figures.residuals import clearest_first, residual_plate
 from rigctl.report.figures.workbench import ladder_plate, ranking_plate
 from rigctl.report.opening import calibrated
 from rigctl.report.quantities import counted
@@ -64,13 +64,23 @@ class Evidence:
     fit: Mapping[str, Any]
     ladder: Plate[Any]
     rankings: Sequence[Plate[Any]]
-    residuals: Sequence[Plate[Any]]
+    covariates: Sequence[str]
     drawn: Drawn
+
+    def residuals(self, covariates: Sequence[str]) -> list[Plate[Any]]:
+        """Figures of the residuals against some of the `covariates`."""
+        return [residual_plate(covariate, self.comparisons) for covariate in covariates]
 
     @property
     def plates(self) -> list[Plate[Any]]:
         """All figures."""
-        return [self.ladder, *self.residuals, *self.drawn.spectra, *self.rankings, *self.drawn.plates]
+        return [
+            self.ladder,
+            *self.residuals(self.covariates),
+            *self.drawn.spectra,
+            *self.rankings,
+            *self.drawn.plates,
+        ]
 
 
 def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell: Tell) -> list[Path]:
@@ -84,7 +94,8 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
     drawn = _without_runs(bench)
     if drawn is None:
         evidence = gather(bench, tell)
-        plates, left_out, text = evidence.plates, evidence.drawn.left_out, page(evidence) if out else ""
+        plates, left_out = evidence.plates if figures else [], evidence.drawn.left_out
+        text = page(evidence) if out else ""
     else:
         plates, left_out, text = list(drawn.plates), drawn.left_out, study_page(bench.store, drawn) if out else ""
     written = write_plates(plates, left_out, figures) if figures else []
@@ -126,7 +137,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         fit=versions.kept_fit(store, bench.plugin_files, current) or bench.fit(current).as_json(),
         ladder=ladder_plate(rungs),
         rankings=[ranking_plate(diagnosis)] if diagnosis["ranking"] else [],
-        residuals=list(residual_plates(comparisons)),
+        covariates=clearest_first(comparisons[0]),
         drawn=_drawn(bench, lines_hz, last.lines),
     )
 
@@ -277,10 +288,8 @@ def _residuals(evidence: Evidence) -> Iterator[str]:
     yield html.paragraph(comparison_sentence(last))
     yield from (html.paragraph(said, "soft") for said in [repeats_sentence(last), *scatter_sentences(last)] if said)
     yield html.table(channels_table(last))
-    shown = evidence.residuals[:SHOWN_COVARIATES]
-    yield from map(html.figure, shown)
-    if len(shown) < len(evidence.residuals):
-        more = ", ".join(plate.name.removeprefix("residuals_") for plate in evidence.residuals[len(shown) :])
+    yield from map(html.figure, evidence.residuals(evidence.covariates[:SHOWN_COVARIATES]))
+    if more := ", ".join(map(file_name, evidence.covariates[SHOWN_COVARIATES:])):
         yield html.paragraph(f"Not shown, as the residuals follow them less: {more}.", "soft")
     yield html.listing(line_sentence(line) for line in last["lines"])
 

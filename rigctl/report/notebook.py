@@ -17,7 +17,7 @@ from rigctl.core.extra import needed
 from rigctl.report import html
 from rigctl.report.document import result_pieces
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.residuals import ResidualRow, residual_plate, residual_plates
+from rigctl.report.figures.residuals import ResidualRow, clearest_first, residual_plate
 from rigctl.report.figures.workbench import LadderRow, RankRow, ladder_plate, ranking_plate
 from rigctl.report.quantities import number
 from rigctl.report.tables.result_table import ResultTable
@@ -40,7 +40,7 @@ class ShownComparison(Comparison):
 
     def plot(self, covariate: str | None = None) -> Plate[ResidualRow]:
         """The residuals against a covariate, by default the one that they follow most clearly."""
-        return next(residual_plates([self])) if covariate is None else residual_plate(covariate, [self])
+        return residual_plate(clearest_first(self)[0] if covariate is None else covariate, [self])
 
     def frame(self) -> DataFrame:
         """A row of pandas for each datum: run, channel, component, whitened residual, covariates of its run."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.report.figures.residuals import residual_plates
+from rigctl.report.figures.residuals import clearest_first
 from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.covariates import distinct
 
@@ -53,6 +53,6 @@ def test_an_angle_asked_for_is_neither_a_trend_nor_a_figure_beside_the_one_reach
         "start_s",
         "temperature_c",
     }
-    names = [plate.name for plate in residual_plates([found])]
-    assert "residuals_theta_deg" in names
-    assert "residuals_theta_asked_deg" not in names
+    covariates = clearest_first(found)
+    assert "theta_deg" in covariates
+    assert "theta_asked_deg" not in covariates

@@ -53,17 +53,15 @@ class ResidualRow(NamedTuple):
     residual_sigma: float
 
 
-def residual_plates(comparisons: Sequence[Comparison]) -> Iterator[Plate[ResidualRow]]:
-    """A figure per covariate that varies, those that the first version's residuals follow most clearly first.
+def clearest_first(first: Comparison) -> list[str]:
+    """Covariates that vary, those that a version's residuals follow most clearly first.
 
-    A covariate that goes with another one, such as an angle asked for with the angle reached, has none of its own.
+    One that goes with another, such as an angle asked for with the angle reached, is left out.
     """
-    first = comparisons[0]
     clearest: dict[str, float] = {}
     for trend in first.trends:
         clearest[trend.covariate] = min(trend.p_value_corrected, clearest.get(trend.covariate, 1.0))
-    for name in sorted(distinct(first.observations.covariates), key=lambda name: clearest.get(name, 1.0)):
-        yield residual_plate(name, comparisons)
+    return sorted(distinct(first.observations.covariates), key=lambda name: clearest.get(name, 1.0))
 
 
 def residual_plate(covariate: str, comparisons: Sequence[Comparison]) -> Plate[ResidualRow]:

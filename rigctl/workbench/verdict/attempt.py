@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize
 
 from rigctl.analysis.summed_columns import SummedColumns, SummedScan
 from rigctl.core.arrays import FloatArray
@@ -350,6 +349,8 @@ class Attempt(FittedModel):
         study, term = self._scans_between, scored.candidate.term
         if study is None or self.corrected(scored.score.p_value, term.effect) >= REFINED_FROM:
             return scored
+        from scipy import optimize  # here, as in the modules beside: 0.15 s, which most diagnoses do without
+
         best = scored
         for name, (low, high) in study.neighbours(term).items():
 

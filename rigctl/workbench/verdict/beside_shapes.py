@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rigctl.workbench.verdict.attempt import Attempt, Scored
@@ -40,9 +42,8 @@ def significant_beside_shape(attempt: Attempt, alpha: float) -> set[str]:
     }
 
 
-def needless_beside_shapes(attempt: Attempt, scored: Scored, with_it: Attempt, alpha: float, seed: int) -> bool:
-    """Whether a candidate is not significant beside the plain shapes that are left `with_it` in the model."""
-    shapes = _shapes_left(with_it, alpha, seed)
+def needless_beside_shapes(attempt: Attempt, scored: Scored, shapes: Sequence[Best], alpha: float) -> bool:
+    """Whether a candidate is not significant beside the plain `shapes` that are left with it in the model."""
     if not shapes:
         return False
     columns = np.hstack([attempt.whitened_columns(shape.columns) for shape in shapes])
@@ -50,14 +51,15 @@ def needless_beside_shapes(attempt: Attempt, scored: Scored, with_it: Attempt, a
     return attempt.corrected(beside.p_value, scored.candidate.term.effect) >= CATALOGUE_SHARE * alpha
 
 
-def _shapes_left(attempt: Attempt, alpha: float, seed: int) -> list[Best]:
+def shapes_left(attempt: Attempt, alpha: float, seed: int) -> list[Best]:
     """Plain shapes that are significant one after another, the strongest first."""
     shapes: list[Best] = []
     shape = attempt.best_shape
-    columns = np.zeros((len(attempt.left), 0))
-    while shape is not None and shape.p_value_corrected < SHAPES_SHARE * alpha and len(shapes) < MOST_SHAPES:
+    while shape is not None and shape.p_value_corrected < SHAPES_SHARE * alpha:
         shapes.append(shape)
-        columns = np.hstack([columns, attempt.whitened_columns(shape.columns)])
+        if len(shapes) == MOST_SHAPES:
+            break
         # Those found before are fitted along: the next one is of what they leave.
+        columns = np.hstack([attempt.whitened_columns(each.columns) for each in shapes])
         shape = attempt.generic.best(attempt.noise, attempt.projector_with(columns), (seed, 4), len(shapes) - 1)
     return shapes

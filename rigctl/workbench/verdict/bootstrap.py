@@ -28,6 +28,8 @@ DRAWS = 300
 # The law is looked for among these: no fewer degrees than a variance needs, no wider than eight times.
 DEGREES = (40.0, 25.0, 16.0, 11.0, 8.0, 6.0, 5.0, 4.0, 3.0)
 SCALES = np.geomspace(1.0, 8.0, 13)
+# Drawn at once at most.
+_NUMBERS = 1 << 20
 # Draws that are not absorbed, below which no law is fitted.
 _FEW = 50
 # Of one effect: the choices of a scan meet much the same noise.
@@ -97,25 +99,29 @@ def bootstrap(
     widths = np.array([columns.shape[1] for columns in tried], dtype=np.intp)
     jacobian, columns = fitted.model.jacobian(fitted.result.values), np.hstack([np.zeros((data, 0)), *tried])
     known = np.setdiff1d(np.arange(len(fitted.left)), scatter)
-    white = fitted.jacobian[known], fitted.whitened_columns(columns)[known]
+    whitened = fitted.jacobian[known], fitted.whitened_columns(columns)[known]
     # Data of known noise are needed only along the columns: as many numbers are drawn as these span.
-    frame = orthonormal(np.hstack(white), 1e-9)
-    above = frame.T @ white[0], frame.T @ white[1]
+    frame = orthonormal(np.hstack(whitened), 1e-9)
+    above = frame.T @ whitened[0], frame.T @ whitened[1]
     drawn = np.zeros((DRAWS, len(tried)))
     dimensions = np.ones(len(tried), dtype=np.intp)
-    for draw in range(DRAWS):
-        noisy = np.zeros(data)
-        noisy[scatter] = noise.colour(rng.standard_normal(data))[scatter]
+    together = max(_NUMBERS // data, 1)
+    for start in range(0, DRAWS, together):
+        white = [
+            (rng.standard_normal(data), rng.standard_normal(frame.shape[1]))
+            for _ in range(min(together, DRAWS - start))
+        ]
+        noisy = np.zeros((data, len(white)))
+        noisy[scatter] = noise.colour(np.stack([each for each, _ in white], axis=1))[scatter]
         # Estimated in each draw as it is for the data: the tail is heavy because this estimate scatters.
-        estimated = estimator.estimate(noisy)
-        below = estimated.whiten(np.hstack([noisy[:, None], jacobian, columns]))[scatter]
-        left = np.concatenate([rng.standard_normal(frame.shape[1]), below[:, 0]])
-        drawn[draw], dimensions = _statistics(
-            np.vstack([above[0], below[:, 1 : 1 + jacobian.shape[1]]]),
-            np.vstack([above[1], below[:, 1 + jacobian.shape[1] :]]),
-            widths,
-            left,
-        )
+        for place, estimated in enumerate(estimator.estimates(noisy)):
+            below = estimated.whiten(np.hstack([noisy[:, [place]], jacobian, columns]))[scatter]
+            drawn[start + place], dimensions = _statistics(
+                np.vstack([above[0], below[:, 1 : 1 + jacobian.shape[1]]]),
+                np.vstack([above[1], below[:, 1 + jacobian.shape[1] :]]),
+                widths,
+                np.concatenate([white[place][1], below[:, 0]]),
+            )
     effects: dict[str, list[tuple[FloatArray, int, float]]] = {}
     for place, number in enumerate(asked):
         choices = effects.setdefault(candidates[number].term.effect, [])

@@ -113,11 +113,15 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
                     tried.append((float(p_of(statistic, dimension, np.inf)), number, name, rows, steps))
     trends: list[Trend] = []
     # Whatever degrees of freedom the noise has, the strongest are among these.
-    for _, number, name, rows, steps in sorted(tried, key=lambda each: each[0])[:_MEASURED_TRENDS]:
-        score, series = projector.score(whitened(rows, steps)), given.series[number]
-        # Bonferroni: strict where covariates go together, but this is a table to look at and no verdict.
-        corrected, rms = min(len(tried) * score.p_value, 1.0), float(np.sqrt(score.statistic / len(rows)))
-        trends.append(Trend(series.channel, series.component, name, score.p_value, corrected, rms))
+    strongest = sorted(tried, key=lambda each: each[0])[:_MEASURED_TRENDS]
+    for number in dict.fromkeys(each[1] for each in strongest):
+        own, series = [each for each in strongest if each[1] == number], given.series[number]
+        rows, ends = own[0][3], np.cumsum([steps.shape[1] for *_, steps in own])[:-1]
+        white = whitened(rows, np.hstack([steps for *_, steps in own]))
+        for (_, _, name, _, _), score in zip(own, projector.scores(np.split(white, ends, axis=1)), strict=True):
+            # Bonferroni: strict where covariates go together, but this is a table to look at and no verdict.
+            corrected, rms = min(len(tried) * score.p_value, 1.0), float(np.sqrt(score.statistic / len(rows)))
+            trends.append(Trend(series.channel, series.component, name, score.p_value, corrected, rms))
     return tuple(sorted(trends, key=lambda trend: trend.p_value)[:TRENDS])
 
 

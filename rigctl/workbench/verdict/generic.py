@@ -123,8 +123,8 @@ class Generic:
         # Single precision, and fewer draws of long data: the count of trials needs no more.
         draws = self._draws(stream, number, (min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn))
         basis = projector.basis if sketch is None else sketch.of(projector.basis)
-        fitted = draws @ basis.astype(np.float32)
-        smallest = np.ones(len(draws))
+        fitted = basis.T.astype(np.float32) @ draws
+        smallest = np.ones(draws.shape[1])
         shapes: list[Shape] = []
         scored: list[_Scored] = []
         for part in self._parts():
@@ -164,15 +164,17 @@ class Generic:
         )
 
     def _draws(self, stream: tuple[int, ...], number: int, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """Every model of the same data is asked in the same draws: they are made once."""
+        """Draws (rows, draws) from their `shape` (draws, rows): all models of the same data are asked in the same."""
         rng, made = self._streams.setdefault((*stream, *shape), (np.random.default_rng(stream), []))
         while len(made) <= number:
-            made.append(rng.standard_normal(shape, dtype=np.float32))
+            # Row by row in memory: those of a series are gathered in one piece.
+            made.append(np.ascontiguousarray(rng.standard_normal(shape, dtype=np.float32).T))
         return made[number]
 
     def smallest(self, noise: Noise, projector: Projector, draws: NDArray[np.float32]) -> FloatArray:
         """The smallest p over all shapes in each draw (draws, n + priors) of what is left."""
-        fitted = draws @ projector.basis.astype(np.float32)
+        draws = np.ascontiguousarray(draws.T)
+        fitted = projector.basis.T.astype(np.float32) @ draws
         found = [_smallest(self._scored(part, noise, projector), draws, fitted) for part in self._parts()]
         return np.asarray(np.min(found, axis=0))
 
@@ -265,22 +267,22 @@ def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[Fl
 
 
 def _smallest(each: _Scored, draws: NDArray[np.float32], fitted: NDArray[np.float32]) -> FloatArray:
-    """Smallest p of each draw of noise over the shapes of a series."""
+    """Smallest p of each draw of noise, (rows, draws), over the shapes of a series."""
     count, pairs = len(each.statistic), len(each.pairs)
     single = np.ones(count, dtype=np.bool_)
     single[each.pairs] = False
     # Pairs, their second columns, the others: squares are then added and compared in one piece.
     order = np.concatenate([each.pairs, np.arange(count, count + pairs), np.flatnonzero(single)])
     # Gathered, draws of all rows would be copied for each series.
-    there = draws if len(each.where) == draws.shape[1] else draws[:, each.where]
+    there = draws if len(each.where) == len(draws) else draws[each.where]
     # In single precision as the draws are: the count of trials needs no more.
-    along = there @ each.columns[:, order].astype(np.float32)
-    along -= fitted @ each.shadow[:, order].astype(np.float32)
+    along = each.columns.T[order].astype(np.float32) @ there
+    along -= each.shadow.T[order].astype(np.float32) @ fitted
     squares = np.square(along, out=along)
-    both = squares[:, :pairs]
-    both += squares[:, pairs : 2 * pairs]
-    smallest = smallest_p(both, each.dimension[each.pairs])
-    return np.minimum(smallest, smallest_p(squares[:, 2 * pairs :], each.dimension[single]))
+    both = squares[:pairs]
+    both += squares[pairs : 2 * pairs]
+    smallest = smallest_p(both.T, each.dimension[each.pairs])
+    return np.minimum(smallest, smallest_p(squares[2 * pairs :].T, each.dimension[single]))
 
 
 def _sketched(each: _Scored, sketch: Sketch) -> _Scored:

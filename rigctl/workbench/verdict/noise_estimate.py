@@ -9,7 +9,7 @@ inflates the noise nor poses as red noise.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -20,7 +20,7 @@ from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.generic import Generic
 from rigctl.workbench.verdict.kernels import SlowNoise
-from rigctl.workbench.verdict.noise import Noise
+from rigctl.workbench.verdict.noise import Correlation, Noise
 from rigctl.workbench.verdict.noise_pool import EVEN_ODDS, WHITE, Pool
 from rigctl.workbench.verdict.offsets import in_units, with_offsets
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding
@@ -97,6 +97,16 @@ class NoiseEstimator:
 
     def estimate(self, residuals: FloatArray) -> Noise:
         """The noise estimated from residuals (n,) of a fit."""
+        return next(self.estimates(residuals[:, None]))
+
+    def estimates(self, several: FloatArray) -> Iterator[Noise]:
+        """The same from `several` residuals (n, k), one after the other."""
+        of_pools = [pool.estimates(in_units(self._given, pool.where, several[pool.where])) for pool in self._pools]
+        for _ in range(several.shape[1]):
+            yield self._noise([next(each) for each in of_pools])
+
+    def _noise(self, estimated: Sequence[tuple[float, list[tuple[float, Correlation]]]]) -> Noise:
+        """The noise where pools have these scales and weighted correlations."""
         sigma, dof = self._given.sigma.copy(), self._dof.copy()
         # Below, the factor under the root runs away: such sigmas stay as they are, and their degrees say the rest.
         known = np.isfinite(dof) & (dof > 4.0) & self._beside
@@ -105,8 +115,7 @@ class NoiseEstimator:
         sigma[known] *= np.sqrt(dof[known] / (dof[known] - 2.0))
         factors = list(self._given.factors)
         correlations, slow = [], list[SlowNoise]()
-        for pool in self._pools:
-            scale, weighted = pool.estimate(in_units(self._given, pool.where, residuals[pool.where]))
+        for pool, (scale, weighted) in zip(self._pools, estimated, strict=True):
             sigma[pool.where] *= scale
             dof[pool.where] = pool.dof
             # Told is the likeliest; whitened is with their weighted mean (decision 014).

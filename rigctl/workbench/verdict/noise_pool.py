@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize
 from scipy.linalg import solve_triangular
 
 from rigctl.core.arrays import FloatArray, IntArray
@@ -81,15 +80,28 @@ class Pool:
     def estimate(
         self, residuals: FloatArray, white_odds: float = WHITE_ODDS
     ) -> tuple[float, list[tuple[float, Correlation]]]:
-        """Scale, and correlations with their weights, `residuals` in units of the given sigma.
+        """Scale, and correlations with their weights, `residuals` (n,) in units of the given sigma.
 
         Weights are restricted likelihoods; white noise is `white_odds` times as likely beforehand as all other kinds.
         """
+        return next(self.estimates(residuals[:, None], white_odds))
+
+    def estimates(
+        self, several: FloatArray, white_odds: float = WHITE_ODDS
+    ) -> Iterator[tuple[float, list[tuple[float, Correlation]]]]:
+        """The same of `several` residuals (n, k), one after the other."""
         if self._free <= 0:
-            return 1.0, [(1.0, WHITE)]
-        near = residuals[self._looked_at]
+            yield from [(1.0, [(1.0, WHITE)])] * several.shape[1]
+            return
         least = max(self._free * self._least_scale**2, float(np.finfo(float).tiny))
-        rss = np.maximum(np.concatenate([trials.rss(near) for trials in self._trials]), least)
+        rss = np.concatenate([trials.rss(several[self._looked_at]) for trials in self._trials])
+        for residuals, each in zip(several.T, np.maximum(rss, least).T, strict=True):
+            yield self._weighted(residuals, each, white_odds)
+
+    def _weighted(
+        self, residuals: FloatArray, rss: FloatArray, white_odds: float
+    ) -> tuple[float, list[tuple[float, Correlation]]]:
+        """Scale, and correlations with their weights, from the square sum of each trial."""
         # Minus twice the restricted log likelihood of each, at its own best scale.
         cost = self._free * np.log(rss) + self._penalties
         weight = np.exp(-0.5 * (cost - cost.min()))
@@ -121,7 +133,7 @@ class Pool:
         """The scale if the noise were white, `residuals` in units of the given sigma."""
         if self._free <= 0:
             return 1.0
-        return float(np.sqrt(self._trials[0].rss(residuals[self._looked_at])[0] / self._free))
+        return float(np.sqrt(self._trials[0].rss(residuals[self._looked_at, None])[0, 0] / self._free))
 
     def factors(self, correlations: list[tuple[float, Correlation]]) -> list[tuple[IntArray, FloatArray]]:
         """Cholesky factors of the weighted mean of R, group by group, and which data; none for white noise."""
@@ -156,6 +168,8 @@ class Pool:
         return float(np.sqrt(_square_sum(white) / len(residuals))), best
 
     def _likeliest_correlation(self, residuals: FloatArray, now: Correlation) -> Correlation:
+        from scipy import optimize
+
         shortest, longest = self._time_scales
         # What is faster than that looks white to these data, and what is slower a level.
         low, high = (shortest / 4.0, 8.0 * longest) if now.kind == "exp" else EXPONENT_RANGE
@@ -275,12 +289,12 @@ class Whitenings:
             yield np.sqrt(precision), -float(np.sum(np.log(precision)))
 
     def rss(self, residuals: FloatArray) -> FloatArray:
-        """Weighted square sums of what the saturated design leaves, (trials,)."""
+        """Weighted square sums of what the saturated design leaves of `residuals` (n, k), (trials, k)."""
         turned = self.turned(residuals)
-        weighted = self._precision * turned
-        along = (weighted @ self._basis)[:, None, :]
-        taken = along @ self._inverse @ along.transpose(0, 2, 1)
-        return np.asarray(weighted @ turned - taken[:, 0, 0])
+        weighted = self._precision[:, :, None] * turned
+        along = self._basis.T @ weighted
+        taken = np.sum(along * (self._inverse @ along), axis=1)
+        return np.asarray(np.sum(weighted * turned, axis=1) - taken)
 
 
 def _usable(order: FloatArray) -> FloatArray | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from rigctl.core.arrays import IntArray
 from rigctl.workbench.findings import Estimate, Rank
@@ -137,4 +137,4 @@ def detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, floa
 def _noncentrality(d: int, level: float) -> float:
     """With which a chi-square of d degrees of freedom is significant at a level with power 0.95."""
     threshold = special.chdtri(d, level)
-    return float(optimize.brentq(lambda size: 1.0 - special.chndtr(threshold, d, size) - POWER, 1e-3, 1e4))
+    return float(special.chndtrinc(threshold, d, 1.0 - POWER))

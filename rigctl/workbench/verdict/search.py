@@ -6,6 +6,7 @@ import gc
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.beside_shapes import (
     needless_beside_shapes,
     replaced_by_shape,
+    shapes_left,
     significant_beside_shape,
 )
 from rigctl.workbench.verdict.choices import joined
@@ -80,6 +82,7 @@ class Search:
         self._progress = progress
         self._known = known
         self._attempts: dict[tuple[str, ...], Attempt] = {}
+        self._shapes_left: WeakKeyDictionary[Attempt, Sequence[Best]] = WeakKeyDictionary()
         self._shared = shared or Shared()
         self._values: dict[str, dict[str, float]] = {}
         self._cheapest: dict[tuple[str, ...], FittedModel] = {}
@@ -276,7 +279,7 @@ class Search:
         """The search with one effect barred, which may have taken the place of two others, to end below a price."""
         detour = Search(self.study, self.given, self.alpha, self.seed, self._progress, self._known, self._shared)
         # A model means the same in both searches: fits are shared.
-        detour._attempts, detour._values = self._attempts, self._values
+        detour._attempts, detour._values, detour._shapes_left = self._attempts, self._values, self._shapes_left
         detour._barred, detour._to_beat = effect, (noise, price)
         detour._climb()
         return detour
@@ -359,7 +362,9 @@ class Search:
         with_it = self.attempt_if_fit(joined(attempt.terms, scored.candidate.term))
         if with_it is None or held_out_ratio(with_it, attempt) >= 1.0:
             return False
-        return not needless_beside_shapes(attempt, scored, with_it, self.alpha, self.seed)
+        if with_it not in self._shapes_left:
+            self._shapes_left[with_it] = shapes_left(with_it, self.alpha, self.seed)
+        return not needless_beside_shapes(attempt, scored, self._shapes_left[with_it], self.alpha)
 
     def _floated(self, terms: tuple[Term, ...]) -> tuple[tuple[Term, ...], tuple[str, ...]]:
         """The terms without those that are no longer needed beside the last, and what was dropped."""

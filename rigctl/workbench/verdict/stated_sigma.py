@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.scatter import StatedSigma
@@ -54,6 +54,8 @@ class _Added:
     """What is added in quadrature to `stated` sigmas (n,), where squares in their units (n,) are likeliest."""
 
     def __init__(self, square: FloatArray, stated: FloatArray) -> None:
+        from scipy import optimize
+
         typical = float(np.sqrt(np.mean(stated**2)))
 
         def cost(log: float) -> float:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.scatter import LEVEL, UnevenScatter
@@ -176,6 +176,8 @@ class _Law:
     """sigma = s exp(g z) at the greatest likelihood, z the condition in standard deviations from its mean."""
 
     def __init__(self, values: FloatArray, size: FloatArray) -> None:
+        from scipy import optimize
+
         self._mean, self._spread = float(values.mean()), float(values.std())
         z = (values - self._mean) / self._spread
         most = _STEEPEST / float(np.abs(z).max())

@@ -12,6 +12,7 @@ from benchmarks.platform_sampler import SampledRun, sampled
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import catalogue
 from rigctl.effects.plugins import load
+from rigctl.experiments.rotating_platform.model.model import at_rest
 from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.next.recommend import recommend
@@ -156,6 +157,16 @@ def test_where_biases_are_alike_the_gain_of_the_tilts_is_another_too() -> None:
     # Before anything is fitted: a per cent of the square moves it.
     assert there["K2[z]"] == pytest.approx(80.0, rel=0.05)
     assert there["tilt_gain"] == pytest.approx(0.98, abs=0.05)
+
+
+def test_a_gain_that_differs_for_the_sign_is_no_curve_where_all_readings_have_one_sign(clean: PlatformStudy) -> None:
+    """There it is a gain alone. With one of -1 nothing is left, and biases of nothing are as alike as can be."""
+    model = clean.model([Term("gain-asymmetry")])
+    elsewhere = model.elsewhere(np.append(clean.recorded.start, [0.0, 0.0]))
+    read = {channel: at_rest(clean.recorded, channel, clean.recorded.start) for channel in ("z", "y")}
+    signs = {channel: np.unique(np.sign(run.along + run.signal)).tolist() for channel, run in read.items()}
+    assert signs == {"z": [-1.0, 1.0], "y": [-1.0]}
+    assert [model.parameters[each.of].name for each in elsewhere] == ["e[z]"]
 
 
 def test_a_bias_that_creeps_with_every_turn_and_snaps_back_after_seven_is_told_by_their_count() -> None:

@@ -19,6 +19,8 @@ READING = "reading_m_s2"
 
 _ROUNDS = 6
 _FEWEST_RUNS = 4
+# Of a curve's size: what no gain imitates. With less of it biases are alike where the gain leaves nothing of them.
+_BENT = 1e-3
 # Of the biases' scatter: by so much they are more alike before that counts for anything.
 _MUCH_MORE_ALIKE = 0.5
 
@@ -57,6 +59,10 @@ def alike_biases(one: Placed, run: PlatformRuns, levels: FloatArray, size: float
         shape = _shape(one, run, straight)
         curved = _mean_by_run(run, numbers, shape)
         if len(levels) < _FEWEST_RUNS or not np.ptp(curved) > 1e-9 * np.abs(curved).max():
+            return None
+        if np.linalg.norm(shape - (shape @ straight) / (straight @ straight) * straight) < _BENT * np.linalg.norm(
+            shape
+        ):
             return None
         slope, level = np.polyfit(curved - curved.mean(), read, 1)
         found, alike = float(slope), np.asarray(read - slope * curved)

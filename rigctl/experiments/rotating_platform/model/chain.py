@@ -85,6 +85,7 @@ class PlatformRuns:
     across: FloatArray = field(default_factory=lambda: np.zeros(0))
     signal: FloatArray = field(default_factory=lambda: np.zeros(0))
     afterwards: Afterwards | None = None
+    kept: dict[tuple[str, float], AfterMotion] = field(default_factory=dict, init=False)
 
     @property
     def warmer(self) -> FloatArray:
@@ -106,10 +107,23 @@ class PlatformRuns:
 
     def late(self, delay_s: float) -> AfterMotion:
         """What a motion that is `delay_s` later than the samples say leaves after its mask."""
-        return self._after_motion(None if self.afterwards is None else self.afterwards.late(delay_s))
+        return self._once("late", delay_s, self._late)
 
     def ringing(self, cutoff_hz: float) -> AfterMotion:
         """What an elliptic filter with its pass band up to `cutoff_hz` leaves of a motion."""
+        return self._once("ringing", cutoff_hz, self._ringing)
+
+    def _once(self, what: str, value: float, make: Callable[[float], AfterMotion]) -> AfterMotion:
+        """The last of a kind that was asked for: amplitudes are asked for one after the other."""
+        if (what, value) not in self.kept:
+            self.kept.clear()
+            self.kept[what, value] = make(value)
+        return self.kept[what, value]
+
+    def _late(self, delay_s: float) -> AfterMotion:
+        return self._after_motion(None if self.afterwards is None else self.afterwards.late(delay_s))
+
+    def _ringing(self, cutoff_hz: float) -> AfterMotion:
         left = self._after_motion(None if self.afterwards is None else self.afterwards.ringing(cutoff_hz))
         # A tilt that varies comes late at rest too.
         before_z, before_y = (-filter_delay_s(cutoff_hz) * self._rate(tilt) for tilt in (self.a_z, self.a_y))
@@ -135,7 +149,9 @@ class PlatformRuns:
     def at(self, **changes: Any) -> PlatformRuns:
         """The same runs at another point of the chain."""
         other = object.__new__(PlatformRuns)
-        other.__dict__.update(self.__dict__, **changes)
+        # Whatever the signal is, motions leave the same.
+        kept = self.kept if changes.keys() == {"signal"} else {}
+        other.__dict__.update(self.__dict__, kept=kept, **changes)
         return other
 
 

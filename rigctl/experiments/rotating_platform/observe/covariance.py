@@ -72,7 +72,7 @@ _NODES = 8
 _GRADING = 20
 _ZERO = 1e-9
 _COLUMNS = 2**14
-_KEPT_NUMBERS = 2**14
+_KEPT_NUMBERS = 2**15
 """Transforms of no more weights are kept."""
 
 
@@ -114,7 +114,9 @@ def covariances(
     """`covariance` under each of several densities, shape (densities, lags + 1, outputs, outputs): the weights are
     transformed once."""
     folded = _fold(weights, sample_rate_hz, densities, sided, from_hz, lags + 1)
-    phase = np.exp(2j * np.pi * np.arange(lags + 1)[:, None] * folded.place)
+    turn = np.exp(2j * np.pi * folded.place)
+    # Powers one after the other: a twentieth of the time of so many exponentials.
+    phase = np.multiply.accumulate([np.ones_like(turn), *[turn] * lags])
     return folded.integral(phase)
 
 

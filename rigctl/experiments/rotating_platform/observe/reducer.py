@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import BEFORE, NO_BIN, Cells
 from rigctl.experiments.rotating_platform.observe.estimates import FEWEST_SAMPLES, usual_mask
@@ -109,9 +109,8 @@ class Reducer:
         """
         count, time = self._sums[:, 0], self._time
         middle = 0.5 * self.cells.centre / self.cells.sample_rate_hz - self.sampled.centre_s
-        level = sparse.diags(time - middle * count) @ self.cells.rates
-        ramp = sparse.diags(self._square - middle * time) @ self.cells.rates
-        return sparse.csr_matrix(self._of_means + self._of_levels @ level + self._of_ramps @ ramp)
+        changing = self._of_sums(time - middle * count, self._square - middle * time)
+        return sparse.csr_matrix(self._of_means + changing @ self.cells.rates)
 
     def of(self, means: FloatArray, ramps: FloatArray | None = None) -> FloatArray:
         """The observables of what has these `means` in the cells, shape (cells, k); shape (rows, k).
@@ -197,8 +196,13 @@ class Reducer:
     @cached_property
     def _of_means(self) -> sparse.csr_matrix:
         """From what does not change within the cells to observables, (rows, cells)."""
-        count = self._sums[:, 0]
-        return sparse.csr_matrix(self._of_levels @ sparse.diags(count) + self._of_ramps @ sparse.diags(self._time))
+        return self._of_sums(self._sums[:, 0], self._time)
+
+    def _of_sums(self, level: FloatArray, ramp: FloatArray) -> sparse.csr_matrix:
+        """From what has such sums in the cells for one of it, and such sums of time times it, to observables."""
+        levels, ramps = self._of_levels, self._of_ramps
+        values = levels.data * level[levels.indices] + ramps.data * ramp[ramps.indices]
+        return sparse.csr_matrix((values, levels.indices, levels.indptr), levels.shape)
 
     @cached_property
     def _of_levels(self) -> sparse.csr_matrix:
@@ -222,33 +226,45 @@ class Reducer:
         return n, t / n, tt - t**2 / n
 
     def _operator(self, level: FloatArray, slope: FloatArray, direct: float) -> sparse.csr_matrix:
-        """From something in the cells, whose lines have these levels and slopes for one of it, to observables."""
+        """From something in the cells, whose lines have these levels and slopes for one of it, to observables.
+
+        Entries are the same for whatever it is, in the same order; of a place that has several the sum counts.
+        """
+        use, in_bins, order, indices, indptr = self._entries
         cells = self.cells
-        use = np.flatnonzero(self.valid[cells.period])
-        group = np.searchsorted(self.groups, cells.period[use] // self.per_group)
         # Half the sum and half the difference of the lines of either sign, averaged over the group.
-        share = 0.5 / self.members[group]
+        share = 0.5 / self.members[np.searchsorted(self.groups, cells.period[use] // self.per_group)]
         signed = share * cells.sign[use]
-        size = self.groups.size
-        parts = [signed * level[use], signed * slope[use], share * level[use], share * slope[use]]
-        value = np.concatenate(parts)
-        row = np.concatenate([output * size + group for output in range(4)])
-        column = np.tile(use, 4)
-        rows, columns, values = [row], [column], [value]
-        for number, each in enumerate(self.bins):
-            inside = self._of_bin(each)
+        values = [signed * level[use], signed * slope[use], share * level[use], share * slope[use]]
+        for same, inside in in_bins:
             total = self._sums[inside, 0].sum()
             count = np.bincount(cells.period[inside], self._sums[inside, 0], cells.periods)
             moment = np.bincount(cells.period[inside], self._time[inside], cells.periods)
-            same = use[cells.sign[use] == each.sign]
             period = cells.period[same]
             # A bin sees the readings less the line of its stop, which every cell of that stop has a part in.
             fitted = -(count[period] * level[same] + moment[period] * slope[same]) / total
-            rows += [np.full(same.size, 4 * size + number), np.full(inside.size, 4 * size + number)]
-            columns += [same, inside]
             values += [fitted, np.full(inside.size, direct / total)]
-        shape = (self.rows, cells.period.size)
-        return sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape)
+        return sparse.csr_matrix((np.concatenate(values)[order], indices, indptr), (self.rows, cells.period.size))
+
+    @cached_property
+    def _entries(self) -> tuple[Int64Array, list[tuple[Int64Array, Int64Array]], IntArray, IntArray, IntArray]:
+        """Cells in use; of each bin those of its stop and those inside; in which order entries stand, their columns,
+        and where each row begins."""
+        cells = self.cells
+        use = np.flatnonzero(self.valid[cells.period])
+        group = np.searchsorted(self.groups, cells.period[use] // self.per_group)
+        size = self.groups.size
+        rows, columns = [output * size + group for output in range(4)], [use] * 4
+        in_bins = []
+        for number, each in enumerate(self.bins):
+            same, inside = use[cells.sign[use] == each.sign], self._of_bin(each)
+            in_bins.append((same, inside))
+            rows.append(np.full(same.size + inside.size, 4 * size + number))
+            columns += [same, inside]
+        row = np.concatenate(rows)
+        order = np.argsort(row, kind="stable")
+        starts = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=self.rows))])
+        return use, in_bins, order, np.concatenate(columns)[order], starts
 
     def _left(self, level: FloatArray, ramp: FloatArray) -> FloatArray:
         """Sums over the cells of what the fit of every period leaves of such sums, shape (cells,)."""

@@ -12,7 +12,7 @@ import numpy as np
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.covariance import PowerLawNoise, covariance
+from rigctl.experiments.rotating_platform.observe.covariance import PowerLawNoise, covariances
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, COMMANDS, READINGS, Chains
 from rigctl.experiments.rotating_platform.observe.run_noise import SIDED
 from rigctl.experiments.rotating_platform.observe.store_reduction import column_of, records_of
@@ -110,28 +110,41 @@ def _scan(source: RunSource, record: RunRecord, chains: Chains, noises: Mapping[
     dwells = [each for each in at_rest if np.count_nonzero(read[each]) >= _FEWEST]
     angles = np.array([float(theta_rad[each].mean()) for each in dwells])
     readings, fits = {}, {}
-    for channel in CHANNELS:
+    densities = [noises[channel].noise.in_units_of(chains.gain_v_per_m_s2[channel]) for channel in CHANNELS]
+    finite = [np.isfinite(samples[READINGS[channel]]) for channel in CHANNELS]
+    noise = _covariances(finite, dwells, float(record.conditions["sample_rate_hz"]), densities)
+    for channel, own in zip(CHANNELS, noise, strict=True):
         volts = samples[READINGS[channel]]
         readings[channel] = np.array([float(np.nanmean(volts[each])) for each in dwells])
         readings[channel] /= chains.gain_v_per_m_s2[channel]
-        chain = noises[channel]
-        density = chain.noise.in_units_of(chains.gain_v_per_m_s2[channel])
-        noise = _covariance(np.isfinite(volts), dwells, float(record.conditions["sample_rate_hz"]), density)
-        fits[channel] = angle_scan(angles, readings[channel], noise, level_known=chain.source != EQUATION_1)
+        level_known = noises[channel].source != EQUATION_1
+        fits[channel] = angle_scan(angles, readings[channel], own, level_known=level_known)
     return Scan(
         record.run_id, _commanded(samples, rests, record, chains), angles, readings, fits, axes(fits["y"], fits["z"])
     )
 
 
-def _covariance(read: BoolArray, dwells: Sequence[slice], rate_hz: float, density: PowerLawNoise) -> FloatArray:
-    """Covariance of the means of a reading over `dwells` where there are samples, shape (dwells, dwells)."""
+def _covariances(
+    read: Sequence[BoolArray], dwells: Sequence[slice], rate_hz: float, densities: Sequence[PowerLawNoise]
+) -> list[FloatArray]:
+    """Covariances of the means of readings over `dwells` where there are samples, shape (dwells, dwells) each."""
+    if all(np.array_equal(each, read[0]) for each in read):
+        return _covariances_alike(read[0], dwells, rate_hz, densities)
+    each_alone = (_covariances_alike(one, dwells, rate_hz, [own]) for one, own in zip(read, densities, strict=True))
+    return [own for (own,) in each_alone]
+
+
+def _covariances_alike(
+    read: BoolArray, dwells: Sequence[slice], rate_hz: float, densities: Sequence[PowerLawNoise]
+) -> list[FloatArray]:
     step = -(-read.size // _MOST_SAMPLES)
     weights = np.zeros((len(dwells), -(-read.size // step) * step))
     for row, each in zip(weights, dwells, strict=True):
         row[each] = read[each] / np.count_nonzero(read[each])
     coarse = weights.reshape(len(dwells), -1, step).sum(axis=2)
     from_hz = _BEYOND_RECORD * rate_hz / weights.shape[1]
-    return np.asarray(covariance(coarse, rate_hz / step, density, sided=SIDED, from_hz=from_hz)[0])
+    found = covariances(coarse, rate_hz / step, densities, sided=SIDED, from_hz=from_hz)
+    return list(found[:, 0])
 
 
 def _commanded(samples: Mapping[str, FloatArray], rests: BoolArray, record: RunRecord, chains: Chains) -> float:
