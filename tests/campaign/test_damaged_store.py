@@ -83,6 +83,33 @@ def test_no_bit_of_the_first_page_and_none_of_an_index_changes_anything_unsaid(p
         assert found["failed"] == "", (at, found)
 
 
+def test_a_damaged_index_of_keys_stops_what_looks_for_a_key_and_nothing_else(path, made):
+    (at, *_) = places(made[0], b"X 13")
+    flip(path, at + 2)
+    with Store.open(path) as store:
+        store.mark("2", valid=False, reason="door")
+        for look in (lambda: store.run_by_key("X 1"), lambda: store.begin_run("X 99", "", {})):
+            with pytest.raises(DamagedStore, match="export --salvage"):
+                look()
+
+
+@pytest.mark.parametrize(("byte", "damaged"), [(5, 11), (5, 113), (3, ord("9"))], ids=["another", "none", "lost"])
+def test_an_index_of_names_that_leads_to_another_run_or_nowhere_marks_no_other(path, made, byte, damaged):
+    # An entry of the index: lengths of its header, of the name and of the number, then these.
+    (at,) = places(made[0], b"\x03\x11\x0112\x0c")
+    data = bytearray(path.read_bytes())
+    data[at + byte] = damaged
+    path.write_bytes(data)
+    with Store.open(path) as store:
+        if damaged == ord("9"):
+            store.mark("12", valid=False, reason="door")
+            assert [run.run_id for run in store.runs() if not run.valid] == ["3", "12"]
+            return
+        with pytest.raises(DamagedStore):
+            store.mark("12", valid=False, reason="door")
+        assert [run.run_id for run in store.runs() if not run.valid] == ["3"]
+
+
 ODD = {
     "a row of another run": "UPDATE runs SET conditions = (SELECT conditions FROM runs WHERE number = 5), "
     "sum = (SELECT sum FROM runs WHERE number = 5) WHERE number = 4",

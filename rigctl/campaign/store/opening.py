@@ -55,8 +55,6 @@ def open_file(path: Path, *, readonly: bool) -> sqlite3.Connection:
             # Again: another program may have written between the two openings.
             _require_whole(connection, path, noted)
             schema.bring_up(connection, path, readonly=readonly, seal=seal)
-            if not readonly:
-                schema.require_index(connection, path)
     except BaseException:
         connection.close()
         raise

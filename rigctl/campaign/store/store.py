@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
-from rigctl.campaign.store import schema
+from rigctl.campaign.store import ledger, schema
 from rigctl.campaign.store.checked_rows import CheckedRows, Row
 from rigctl.campaign.store.entries import Document, Event
 from rigctl.campaign.store.header_json import dumps, header_from_json
@@ -39,6 +39,7 @@ class Store:
         self.path = path
         self._connection = connection
         self._rows = CheckedRows(connection, path)
+        self._index_is_whole = False
         self.header = _header(self._rows)
 
     @classmethod
@@ -86,6 +87,7 @@ class Store:
         """
         if run_id is not None and (flaw := flaw_of_run_id(run_id)):
             raise DataError(f"run_id {run_id!r} {flaw}; give it another")
+        self._require_index()
         # Not durable: a begun run that a power cut takes away has nothing that anybody counts on.
         with self._rows.writing():
             for run in self._rows.rows("runs", "WHERE key = ? AND state <> 'interrupted'", (key,)):
@@ -114,6 +116,7 @@ class Store:
 
     def run_by_key(self, key: str) -> RunRecord | None:
         """The finished run the procedure calls `key`; None when there is none."""
+        self._require_index()
         rows = self._rows.rows("runs", "WHERE key = ? AND state = 'finished'", (key,))
         return _record(rows[0]) if rows else None
 
@@ -132,6 +135,10 @@ class Store:
 
     def run_counts(self) -> tuple[int, int]:
         """How many runs are finished, and how many of them are declared invalid; cheap."""
+        if self._rows.summed:
+            with schema.database_errors(self.path):
+                counted = ledger.parts(self._connection)
+            return counted[ledger.FINISHED][0], counted[ledger.INVALID][0]
         rows = self._rows.read("SELECT COUNT(*), COALESCE(SUM(NOT valid), 0) FROM runs WHERE state = 'finished'")
         return int(rows[0][0]), int(rows[0][1])
 
@@ -184,9 +191,17 @@ class Store:
 
     def _run(self, run_id: str) -> Row:
         rows = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))
-        if not rows:
+        # No checksum covers the index: it may lead nowhere. One that leads to another run does not verify.
+        if not (rows := rows or self._rows.rows("runs", "NOT INDEXED WHERE run_id = ?", (run_id,))):
             raise DataError(f"{self.path}: no run {run_id}; {self._nearest(run_id)}")
         return rows[0]
+
+    def _require_index(self) -> None:
+        """Before runs are looked for by key in a file that is written: what is not found is measured again."""
+        if not self._index_is_whole and not self.readonly:
+            with schema.database_errors(self.path):
+                schema.require_index(self._connection, self.path)
+            self._index_is_whole = True
 
     def _nearest(self, run_id: str) -> str:
         known = [name for (name,) in self._rows.read("SELECT run_id FROM runs ORDER BY number")]
