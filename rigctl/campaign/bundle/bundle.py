@@ -64,7 +64,7 @@ def import_bundle(path: Path, store_path: Path, constants: TableConstants | None
 
 
 def _fill(path: Path, reader: BundleReader, header: Header) -> None:
-    with Store.create(path, header) as store:
+    with Store.create(path, header) as store, store.filling():
         for record, samples in reader.runs():
             with store.begin_run(record.key, record.step, record.conditions, record.run_id) as writer:
                 for piece in _pieces(samples):

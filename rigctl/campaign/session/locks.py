@@ -9,7 +9,6 @@ import os
 import stat
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import combinations
 from pathlib import Path
@@ -157,6 +156,8 @@ def instruments_held(rig: RigFile, refusal: str) -> Iterator[None]:
 
 def claimed_by(rig: RigFile) -> list[tuple[str, Claims]]:
     """The addresses of a rig file's instruments with what each claims; `ConfigError` when two are one instrument."""
+    from concurrent.futures import ThreadPoolExecutor  # here, like pydantic above
+
     wired = {name: table.address for name, table in rig.instruments.items() if not table.simulated}
     with ThreadPoolExecutor(max_workers=max(len(wired), 1)) as pool:  # names are looked up at the same time
         claims = dict(zip(wired, pool.map(claims_of, wired.values()), strict=True))

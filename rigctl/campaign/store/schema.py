@@ -169,6 +169,15 @@ def prepare_for_writing(connection: sqlite3.Connection) -> None:
     connection.execute("PRAGMA synchronous = NORMAL")
 
 
+@contextmanager
+def without_log(connection: sqlite3.Connection) -> Iterator[None]:
+    """For a file that nobody knows yet: what is written goes into it at once, and not first into a log."""
+    # A half-filled file is deleted: nothing has to be undone in one that a power cut leaves.
+    connection.execute("PRAGMA journal_mode = MEMORY").fetchone()
+    yield
+    prepare_for_writing(connection)
+
+
 def require_store(connection: sqlite3.Connection, path: Path) -> None:
     """Raise `DataError` unless the file is a campaign store."""
     if connection.execute("PRAGMA application_id").fetchone() != (APPLICATION_ID,):

@@ -10,6 +10,7 @@ import difflib
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
@@ -61,6 +62,15 @@ class Store:
         except BaseException:
             connection.close()
             raise
+
+    @contextmanager
+    def filling(self) -> Iterator[None]:
+        """For a new store that has its name only when it is whole: half as much is written as with a log.
+
+        Readers and writer exclude each other meanwhile. The last durable change brings all to stable storage.
+        """
+        with schema.database_errors(self.path), schema.without_log(self._connection):
+            yield
 
     def close(self) -> None:
         """Close the file; may be called twice."""

@@ -13,6 +13,7 @@ from rigctl.experiments.inflight.observe.weights import (
     amplitudes,
     band_pass,
     drift_weights,
+    level_weights,
     response,
     spread,
     templates,
@@ -136,3 +137,12 @@ def test_what_flicker_noise_makes_of_a_slope_and_of_a_bend_is_what_its_density_a
     slow_hz = DRIFT_CYCLES / (len(T_S) * STEP_S)
     told = np.sqrt(1.0 / slow_hz) * spread(np.repeat(np.sum(rows[0] ** 2), 2), STEP_S)[0]
     assert made == pytest.approx([told, told], rel=0.05)
+
+
+@pytest.mark.parametrize("lines_hz", [LINES_HZ, [1e-4, 3.7e-4, 0.1234, 0.2499]])
+def test_weights_of_a_level_are_those_of_least_squares_beside_the_lines(lines_hz):
+    """In closed form; the last line is hardly slower than half the rate of the samples."""
+    at_s = 6000.0 + T_S
+    design = np.vstack([np.ones_like(at_s), templates(at_s, lines_hz)])
+    expected = np.linalg.solve(design @ design.T, design)[0]
+    assert level_weights(at_s, lines_hz) == pytest.approx(expected, rel=1e-9, abs=1e-12 / len(at_s))

@@ -201,7 +201,7 @@ def _stretch(session: Session, grid: Grid, lines: Sequence[Line], *, drift: bool
         rows = np.vstack([rows, drift_weights(grid.t_s, frequencies, grid.present)])
         lines = (*lines, DRIFT)
     amplitudes = stretch_amplitudes(session, grid.t_s, grid.columns, rows, level)
-    squares = np.sum(rows**2, axis=1)
+    squares = np.einsum("rs,rs->r", rows, rows)
     if drift:
         # The bend is as well known as the slope by its scale.
         squares[-1] = squares[-2]

@@ -129,13 +129,13 @@ def stretch_amplitudes(
     `rows` (2 lines, samples) are those of `weights.weights`, `level` (samples,) those of `weights.level_weights`.
     Missing samples may be any finite number.
     """
-    weighting = np.vstack([rows, level])
-    parts = np.zeros((len(weighting), len(SERIES)))
+    parts, means = np.zeros((len(rows), len(SERIES))), np.zeros(len(SERIES))
     for start in range(0, len(t_s), _CHUNK):
         here = slice(start, start + _CHUNK)
         series = raw_series(session, t_s[here], {name: column[here] for name, column in columns.items()})
-        parts += weighting[:, here] @ series
-    return central(np.asarray(parts[0:-1:2] - 1j * parts[1:-1:2]), parts[-1])
+        parts += rows[:, here] @ series
+        means += level[here] @ series
+    return central(np.asarray(parts[0::2] - 1j * parts[1::2]), means)
 
 
 def central(table: ComplexArray, means: FloatArray) -> Amplitudes:

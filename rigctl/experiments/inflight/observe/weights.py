@@ -36,6 +36,9 @@ DRIFT_CYCLES = 0.67
 # Flicker noise makes less of a bend by this factor.
 _BENDS_LESS = 1.34
 _SINGULAR = 1e-6
+_STILL = 1e-12
+"""Radians from one sample to the next below which a wave stands still."""
+
 _AT_ONCE = 1 << 16
 
 
@@ -56,6 +59,19 @@ def templates(t_s: FloatArray, lines_hz: Sequence[float], single: bool = False) 
         angle = 2.0 * np.pi * f_hz * t_s
         made[2 * number] = np.cos(angle)
         made[2 * number + 1] = np.sin(angle)
+    return made
+
+
+def _even_templates(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> FloatArray:
+    """`templates` at evenly spaced times: a place's phase is its block's and that within the block, and one product
+    is less than a cosine and a sine."""
+    made = np.empty((2 * len(lines_hz), len(t_s)), dtype=np.float32 if single else np.float64)
+    within = math.isqrt(len(t_s)) + 1
+    for number, f_hz in enumerate(lines_hz):
+        rate = 2j * np.pi * f_hz
+        blocks, waves = np.exp(rate * t_s[::within]), np.exp(rate * (t_s[:within] - t_s[0]))
+        wave = np.multiply.outer(blocks, waves).ravel()[: len(t_s)]
+        made[2 * number], made[2 * number + 1] = wave.real, wave.imag
     return made
 
 
@@ -100,7 +116,7 @@ def drift_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray
     shapes = np.sqrt(3.0) * x, np.sqrt(5.0) * (1.5 * x**2 - 0.5) / _BENDS_LESS
     design = np.vstack([*shapes, np.ones_like(x), templates(t_s, lines_hz)])
     weighted = design * taper(present, float(t_s[1] - t_s[0]))
-    return _solved(weighted @ design.T, weighted)[:2]
+    return np.asarray(_inverse(weighted @ design.T)[:2] @ weighted)
 
 
 def level_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None) -> FloatArray:
@@ -109,11 +125,35 @@ def level_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray
     The plain mean of a stretch without whole periods, or with gaps, contains a part of each line: 1e-10 m/s2 of
     5e-8, by which quadratic factors would move the linear ones.
     """
-    weight = np.ones(len(t_s)) if present is None or bool(np.all(present)) else taper(present, float(t_s[1] - t_s[0]))
+    if present is None or bool(np.all(present)):
+        level: FloatArray = np.asarray(np.linalg.inv(_even_normal(t_s, lines_hz))[:, 0], dtype=np.float64)
+        return np.asarray(level[0] + sum_of_lines(level[1:], t_s, lines_hz))
     design = np.vstack([np.ones_like(t_s), templates(t_s, lines_hz)])
-    weighted = design * weight
+    weighted = design * taper(present, float(t_s[1] - t_s[0]))
     along = np.linalg.solve(weighted @ design.T, np.eye(len(design), 1)[:, 0])
     return np.asarray(along @ weighted)
+
+
+def _even_normal(t_s: FloatArray, lines_hz: Sequence[float]) -> FloatArray:
+    """Products of a constant and of the lines' cosines and sines, summed over evenly spaced times, in closed form."""
+    # A constant is the cosine at no frequency; its sine is left out at the end.
+    rate = 2.0 * np.pi * np.array([0.0, *lines_hz])
+
+    def summed(rates: FloatArray) -> ComplexArray:
+        """Of exp(i rate t): Dirichlet's kernel."""
+        half = 0.5 * rates * float(t_s[-1] - t_s[0]) / (len(t_s) - 1)
+        still = np.abs(half) < _STILL
+        size = np.where(still, float(len(t_s)), np.sin(len(t_s) * half) / np.sin(np.where(still, 1.0, half)))
+        return np.asarray(size * np.exp(1j * rates * 0.5 * float(t_s[0] + t_s[-1])))
+
+    above, below = summed(rate[:, None] + rate), summed(rate[:, None] - rate)
+    normal = np.empty((2 * len(rate), 2 * len(rate)))
+    normal[0::2, 0::2] = 0.5 * (below.real + above.real)
+    normal[1::2, 1::2] = 0.5 * (below.real - above.real)
+    normal[0::2, 1::2] = 0.5 * (above.imag - below.imag)
+    normal[1::2, 0::2] = normal[0::2, 1::2].T
+    kept = np.delete(np.arange(len(normal)), 1)
+    return normal[np.ix_(kept, kept)]
 
 
 def amplitudes(rows: FloatArray, series: FloatArray) -> ComplexArray:
@@ -145,7 +185,7 @@ def _filtered(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> Float
     sections = band_pass(min(lines_hz), max(lines_hz), 1.0 / step_s)
     dropped = round(DROPPED_S / step_s)
     # In place and row by row: those of forty orbits are hundreds of megabytes.
-    rows = templates(t_s, lines_hz, single)
+    rows = _even_templates(t_s, lines_hz, single)
     for row in rows:
         row[:] = signal.sosfilt(sections, row - row.mean(dtype=np.float64))
     rows[:, :dropped] = 0.0
@@ -155,8 +195,9 @@ def _filtered(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> Float
     for row in rows:
         # The adjoint of a causal filter is the same filter backwards in time.
         row[:] = signal.sosfilt(sections, row[::-1].astype(np.float64))[::-1]
+    inverse = _inverse(normal)
     for where in parts:
-        rows[:, where] = _solved(normal, rows[:, where].astype(np.float64))
+        rows[:, where] = inverse @ rows[:, where].astype(np.float64)
     for row in rows:
         # Subtracting the mean is its own adjoint.
         row -= row.mean(dtype=np.float64)
@@ -170,7 +211,7 @@ def _tapered(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray) -> 
     lines = templates(t_s, lines_hz)
     design = np.vstack([lines, _slow(t_s, min(lines_hz))])
     weighted = design * weight
-    return _solved(weighted @ design.T, weighted)[: len(lines)]
+    return np.asarray(_inverse(weighted @ design.T)[: len(lines)] @ weighted)
 
 
 def _slow(t_s: FloatArray, lowest_hz: float) -> FloatArray:
@@ -192,9 +233,9 @@ def taper(present: BoolArray, step_s: float) -> FloatArray:
     return np.where(present, 0.5 - 0.5 * np.cos(np.pi * rise), 0.0)
 
 
-def _solved(normal: FloatArray, rows: FloatArray) -> FloatArray:
+def _inverse(normal: FloatArray) -> FloatArray:
     size = np.sqrt(np.diag(normal))
     values = np.linalg.eigvalsh(normal / np.outer(size, size))
     if not values[0] > _SINGULAR * values[-1]:
         raise DataError("the samples cannot tell the lines apart: record longer, or choose another frequency")
-    return np.asarray(np.linalg.solve(normal, rows))
+    return np.asarray(np.linalg.inv(normal))
