@@ -48,6 +48,28 @@ def test_a_second_look_makes_nothing(compressed: bool) -> None:
     assert list(shelf.blobs) == [("sines 3 0.5 fast", "run")]
 
 
+def test_arrays_of_any_kind_come_back_bit_for_bit_and_may_be_written_to() -> None:
+    arrays = {
+        "a": np.array([[1.0, -0.0], [np.nan, 5e-324]]).T,
+        "b": np.arange(3, dtype=np.float32),
+        "c": np.array([1 + 2j]),
+        "d": np.zeros((0, 4), dtype=bool),
+        "e": np.array(7),
+        "f": np.array(["x", "longer"]),
+    }
+    found = Packed.from_bytes(Packed({"of": "ä"}, arrays).to_bytes())
+    assert found.head == {"of": "ä"}
+    assert list(found.arrays) == list(arrays)
+    for name, each in arrays.items():
+        assert (found.arrays[name].dtype, found.arrays[name].shape) == (each.dtype, each.shape)
+        assert found.arrays[name].tobytes() == np.ascontiguousarray(each).tobytes()
+        assert found.arrays[name].flags.writeable
+
+
+def test_what_was_kept_as_a_file_of_numpys_is_read() -> None:
+    assert unpacked(Packed.from_bytes(VALUE.to_bytes(compressed=True))) == ("one", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+
+
 GOOD = VALUE.to_bytes()
 
 

@@ -54,24 +54,28 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
         """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
         effects = self.chosen(terms)
         lines_hz = line_frequencies_hz(terms)
+        # The same data in every model: what is worked out from them alone is worked out once.
+        if lines_hz not in self._without_effects:
+            self._without_effects[lines_hz] = self._baseline(lines_hz)
+        inner, data = self._without_effects[lines_hz]
+        for effect in effects:
+            reason = None if effect.scanned else untestable(effect, inner)
+            if reason:
+                raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
+        return SensingAxisModel(inner.with_effects(effects), data, terms)
+
+    @cached_property
+    def _without_effects(self) -> dict[tuple[float, ...], tuple[RecordingModel, Stacked]]:
+        """Baseline and data by the lines that were fitted in the samples."""
+        return {}
+
+    def _baseline(self, lines_hz: tuple[float, ...]) -> tuple[RecordingModel, Stacked]:
         runs = self.data.runs(lines_hz)
         if not runs:
             raise DataError("no valid run could be reduced: there is nothing to fit")
         recorded, heads = self.data.recorded, self.data.placed_heads(runs)
         inner = RecordingModel(runs, recorded.package, heads, recorded.g_m_s2, origins=self.data.origins)
-        for effect in effects:
-            reason = None if effect.scanned else untestable(effect, inner)
-            if reason:
-                raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
-        # The same data in every model: what is worked out from them alone is worked out once.
-        if lines_hz not in self._stacked:
-            self._stacked[lines_hz] = stacked(runs, inner.heads)
-        return SensingAxisModel(inner.with_effects(effects), self._stacked[lines_hz], terms)
-
-    @cached_property
-    def _stacked(self) -> dict[tuple[float, ...], Stacked]:
-        """The data by the lines that were fitted in the samples."""
-        return {}
+        return inner, stacked(runs, inner.heads)
 
     def chosen(self, terms: Sequence[Term]) -> list[Effect]:
         """The effects of terms in the order in which they act; several heads of one effect become one."""

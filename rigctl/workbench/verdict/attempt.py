@@ -186,7 +186,9 @@ class Attempt(FittedModel):
 
     @cached_property
     def _scoring(self) -> Scoring:
-        return Scoring(self, self.projector, self.estimator.saturated)
+        # Of the fit alone: a model and its scores that refer to each other would stay until a collector comes by.
+        fitted = FittedModel(self.model, self.noise, self.held, self.result)
+        return Scoring(fitted, self.projector, self.estimator.saturated)
 
     @cached_property
     def scored(self) -> list[Scored]:

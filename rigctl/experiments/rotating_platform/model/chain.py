@@ -115,6 +115,9 @@ class PlatformRuns:
 
     def _once(self, what: str, value: float, make: Callable[[float], AfterMotion]) -> AfterMotion:
         """The last of a kind that was asked for: amplitudes are asked for one after the other."""
+        # Without a recording a size may be an array, as a drawn signature's is.
+        if self.afterwards is None:
+            return make(value)
         if (what, value) not in self.kept:
             self.kept.clear()
             self.kept[what, value] = make(value)

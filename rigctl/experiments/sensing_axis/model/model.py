@@ -13,7 +13,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.chain import Origins, Runs, periodic_motion
 from rigctl.experiments.sensing_axis.model.geometry import leaning
-from rigctl.experiments.sensing_axis.model.parameters import Family, Layout
+from rigctl.experiments.sensing_axis.model.parameters import Family, Layout, Sharing
 from rigctl.experiments.sensing_axis.model.prediction import Chain, Place, Prediction
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables, heads_of
 from rigctl.files.package import HeadSettings, Package, unit_vector
@@ -25,7 +25,8 @@ _ROWS_TOGETHER, _FEWEST = 1000, 2
 class RecordingModel:
     """The model of a set of runs; parameters in SI and radians, runs in the order given.
 
-    `effects` act in the order given. Drifts count from `origins`, by default the means of these runs.
+    `effects` act in the order given. Drifts count from `origins`, by default the means of these runs. What does not
+    depend on the effects is that of a model `like` this one, of the same runs and heads.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class RecordingModel:
         effects: Sequence[Effect] = (),
         *,
         origins: Origins | None = None,
+        like: RecordingModel | None = None,
     ) -> None:
         self.runs = tuple(runs)
         self.package = package
@@ -45,10 +47,14 @@ class RecordingModel:
         self.g_m_s2 = g_m_s2
         self.origins = origins or origins_of(self.runs)
         self.heads = tuple(name for name in heads_of(runs) if name in heads)
-        self._chain = Chain(self._collect_conditions(), {name: self._place(name) for name in self.heads}, {})
+        if like is None:
+            self._sharing = Sharing(self.runs)
+            self._bare = Chain(self._collect_conditions(), {name: self._place(name) for name in self.heads}, {})
+        else:
+            self._sharing, self._bare = like._sharing, like._bare
         acting = {item: self.reach(item) for item in self.effects if not item.scanned}
-        self._chain = replace(self._chain, acting=acting)
-        layout = Layout(runs, package, {name: heads[name] for name in self.heads}, acting)
+        self._chain = replace(self._bare, acting=acting)
+        layout = Layout(self._sharing, package, {name: heads[name] for name in self.heads}, acting)
         self.parameters = layout.parameters
         self.units = layout.units
         self.owners = layout.owners
@@ -74,7 +80,8 @@ class RecordingModel:
 
     def with_effects(self, effects: Sequence[Effect]) -> RecordingModel:
         """The same data with other effects."""
-        return RecordingModel(self.runs, self.package, self.head_settings, self.g_m_s2, effects, origins=self.origins)
+        same = self.package, self.head_settings, self.g_m_s2
+        return RecordingModel(self.runs, *same, effects, origins=self.origins, like=self)
 
     def reach(self, effect: Effect) -> tuple[str, ...]:
         """The heads an effect acts on; none unless it has a value for each head."""
@@ -87,12 +94,12 @@ class RecordingModel:
 
     def at_head(self, head: str) -> Runs:
         """The runs as an effect on a head's reading finds them."""
-        return self._chain.at_head(head)
+        return self._bare.at_head(head)
 
     @property
     def conditions(self) -> Runs:
         """Of the runs."""
-        return self._chain.conditions
+        return self._bare.conditions
 
     def predict(self, values: FloatArray, *, accel: bool = True, lasers: bool = True) -> Prediction:
         """Amplitudes of every channel of every run for parameter values of shape (parameters,).

@@ -24,7 +24,48 @@ _HEADS_THAT_FIX_A_CUBE = 3
 Make = Callable[[str, RunObservables], Parameter]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Members:
+    """Parameters of one kind by their keys, the first run of each, and which of them is every run's, (runs,)."""
+
+    keys: tuple[str, ...]
+    first_runs: tuple[RunObservables, ...]
+    of_run: IntArray
+
+
+class Sharing:
+    """Which runs share a parameter: worked out once for all models of the same runs."""
+
+    def __init__(self, runs: Sequence[RunObservables]) -> None:
+        self._runs = runs
+        self._members: dict[str, Members] = {}
+        self._fully_seen: dict[tuple[str, ...], frozenset[str]] = {}
+
+    def members(self, scope: str) -> Members:
+        """Of parameters with a scope of `_LABELS`."""
+        if scope not in self._members:
+            keys = [_LABELS[scope](run) for run in self._runs]
+            first_runs = dict(zip(reversed(keys), reversed(self._runs), strict=True))
+            places = {key: place for place, key in enumerate(dict.fromkeys(keys))}
+            of_run = np.array([places[key] for key in keys], dtype=np.intp)
+            self._members[scope] = Members(tuple(places), tuple(first_runs[key] for key in places), of_run)
+        return self._members[scope]
+
+    def fully_seen(self, heads: tuple[str, ...]) -> frozenset[str]:
+        """Mountings that enough heads have seen to fix the cube's rotation."""
+        if heads not in self._fully_seen:
+            seen: dict[str, set[str]] = {}
+            for run in self._runs:
+                there = [name for name in heads if name in run.lasers_m]
+                read = {name for name in there if np.isfinite(run.lasers_m[name].value[1])}
+                seen.setdefault(by_mounting(run), set()).update(read)
+            self._fully_seen[heads] = frozenset(
+                key for key, names in seen.items() if len(names) >= _HEADS_THAT_FIX_A_CUBE
+            )
+        return self._fully_seen[heads]
+
+
+@dataclass(frozen=True, eq=False)
 class Family:
     """Parameters of one kind, of which every run uses one: all are varied at once for a derivative.
 
@@ -34,19 +75,19 @@ class Family:
     base: str
     owner: str
     first: int
-    index: tuple[int, ...]
+    members: Members
     accel: bool
     lasers: bool
 
     @property
     def count(self) -> int:
         """How many parameters the family has."""
-        return max(self.index) + 1
+        return len(self.members.keys)
 
     @cached_property
     def columns(self) -> IntArray:
         """Which parameter is every run's, (runs,)."""
-        return self.first + np.array(self.index, dtype=np.intp)
+        return np.asarray(self.first + self.members.of_run, dtype=np.intp)
 
 
 def by_mounting(run: RunObservables) -> str:
@@ -83,7 +124,7 @@ class Layout:
 
     def __init__(
         self,
-        runs: Sequence[RunObservables],
+        sharing: Sharing,
         package: Package,
         heads: Mapping[str, HeadSettings],
         effects: Mapping[Effect, Sequence[str]],
@@ -93,7 +134,7 @@ class Layout:
         self.units: list[str] = []
         self.owners: list[str] = []
         self.families: list[Family] = []
-        self._runs = runs
+        self._sharing = sharing
         self._package = package
         self._baseline(heads)
         names = [name for item in effects for name in item.parameters]
@@ -109,7 +150,7 @@ class Layout:
         self._declare("dc", "mounting", "V", _mean, accel=True)
         if heads:
             self._declare("delta_x", "mounting", "rad", _levelled, lasers=True)
-            loose = partial(_turned, self._fully_seen(heads))
+            loose = partial(_turned, self._sharing.fully_seen(tuple(heads)))
             self._declare("delta_y", "mounting", "rad", loose, lasers=True)
             self._declare("delta_z", "mounting", "rad", loose, lasers=True)
         for head, settings in heads.items():
@@ -147,27 +188,12 @@ class Layout:
         accel: bool = False,
         lasers: bool = False,
     ) -> None:
-        label = _LABELS[scope]
-        first = len(self.parameters)
-        seen: dict[str, int] = {}
-        for run in self._runs:
-            key = label(run)
-            if key not in seen:
-                seen[key] = len(seen)
-                name = shown or base
-                self.parameters.append(make(f"{name}[{key}]" if key else name, run))
-                self.units.append(unit)
-                self.owners.append(owner)
-        index = tuple(seen[label(run)] for run in self._runs)
-        self.families.append(Family(base, owner, first, index, accel, lasers))
-
-    def _fully_seen(self, heads: Mapping[str, HeadSettings]) -> frozenset[str]:
-        """Mountings that enough heads have seen to fix the cube's rotation."""
-        seen: dict[str, set[str]] = {}
-        for run in self._runs:
-            present = {name for name in heads if name in run.lasers_m and np.isfinite(run.lasers_m[name].value[1])}
-            seen.setdefault(by_mounting(run), set()).update(present)
-        return frozenset(key for key, names in seen.items() if len(names) >= _HEADS_THAT_FIX_A_CUBE)
+        members, name = self._sharing.members(scope), shown or base
+        self.families.append(Family(base, owner, len(self.parameters), members, accel, lasers))
+        for key, run in zip(members.keys, members.first_runs, strict=True):
+            self.parameters.append(make(f"{name}[{key}]" if key else name, run))
+            self.units.append(unit)
+            self.owners.append(owner)
 
     def _sensor(self, run: RunObservables) -> SensorSettings:
         return self._package.axes[run.axis].sensor[run.configuration]
