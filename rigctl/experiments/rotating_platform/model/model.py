@@ -85,22 +85,14 @@ class PlatformModel:
 
     def added(self, values: FloatArray) -> FloatArray:
         """What the effects add to the observables of the baseline; shape (n,)."""
-        return self.added_at([values])[:, 0]
-
-    def added_at(self, points: Sequence[FloatArray]) -> FloatArray:
-        """The same for several values, which are reduced together; shape (n, points)."""
         if not self.placed:
-            return np.zeros((len(self.observations.value), len(points)))
-        ends = np.cumsum([len(each.parameters) for each in self.placed])[:-1]
-        sizes = [np.split(values[self._baseline_size :], ends) for values in points]
-        return self.recorded.reduced(
-            {
-                channel: np.stack(
-                    [self._added_to(channel, *each) for each in zip(points, sizes, strict=True)], axis=1
-                )
-                for channel in CHANNELS
-            }
-        )
+            return np.zeros(len(self.observations.value))
+        amplitudes = values[self._baseline_size :]
+        sizes, at = [], 0
+        for each in self.placed:
+            sizes.append(amplitudes[at : at + len(each.parameters)])
+            at += len(each.parameters)
+        return self.recorded.reduced({channel: self._added_to(channel, values, sizes) for channel in CHANNELS})
 
     def added_here(self, values: FloatArray) -> FloatArray:
         """The same, kept for the point where all candidates are asked for."""
@@ -238,19 +230,15 @@ def slopes_at_zero(
     """
     wider = PlatformModel(model.recorded, [*model.placed, one], [*model.terms, one.term])
     start = np.concatenate([values, [p.start if p.scanned else 0.0 for p in one.parameters]])
+    # Late or filtered, the tilts themselves are read otherwise, however near the axis the sensor is.
+    before = wider.added(start) if one.effect.scans else model.added_here(values)
     amplitudes = [p for p in one.parameters if not p.scanned]
-    groups, points = _moved_together(amplitudes), list[FloatArray]()
-    for together in groups:
+    columns = np.zeros((before.size, len(amplitudes)))
+    for together in _moved_together(amplitudes):
         moved = start.copy()
         for number in together:
             moved[len(values) + one.parameters.index(amplitudes[number])] = amplitudes[number].typical
-        points.append(moved)
-    # Late or filtered, the tilts themselves are read otherwise, however near the axis the sensor is.
-    added = wider.added_at([*points, start] if one.effect.scans else points)
-    before = added[:, -1] if one.effect.scans else model.added_here(values)
-    columns = np.zeros((before.size, len(amplitudes)))
-    for together, there in zip(groups, added.T, strict=False):
-        changed = there - before
+        changed = wider.added(moved) - before
         for number in together:
             change = model.recorded.of_channel(amplitudes[number].channel, changed)
             if np.any(np.abs(change) > _NEGLIGIBLE_SIGMAS * sigma):

@@ -230,16 +230,21 @@ class Recorded:
     @cached_property
     def operators(self) -> dict[str, sparse.csr_matrix]:
         """By channel, from means over all its cells to the whole vector, (n, cells)."""
-        operators = {}
-        for channel in CHANNELS:
-            parts = [
-                # A row of the other channel sees no cell of this one.
-                each.reducer.operator if each.channel == channel else sparse.csr_matrix((each.value.size, 0))
-                for each in self.channels
-            ]
-            parts.insert(self._measured, sparse.csr_matrix((self._spectra, 0)))
-            operators[channel] = sparse.csr_matrix(sparse.block_diag(parts))
-        return operators
+        return {channel: self._operator(channel) for channel in CHANNELS}
+
+    def _operator(self, channel: str) -> sparse.csr_matrix:
+        # A row of the other channel, and of a spectrum, sees no cell of this one.
+        counts = np.zeros(len(self._stacked.value), dtype=np.int64)
+        values, columns, cells = [], [], 0
+        for each, rows in zip(self.channels, self.rows, strict=True):
+            if each.channel == channel:
+                own = each.reducer.operator
+                counts[rows] = np.diff(own.indptr)
+                values.append(own.data)
+                columns.append(own.indices + cells)
+                cells += own.shape[1]
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        return sparse.csr_matrix((np.concatenate(values), np.concatenate(columns), starts), (counts.size, cells))
 
     def reduced(self, added: Mapping[str, FloatArray]) -> FloatArray:
         """The observables of what has these means over all cells of a channel, by channel; shape (n,), or (n, k)."""
