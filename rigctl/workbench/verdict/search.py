@@ -43,8 +43,8 @@ MOST_TERMS = 8
 REFITTED = 4
 """So many of the best are fitted in full before one is chosen: T is first order."""
 
-_NUMBERS_KEPT, _LEAST_KEPT = 40_000_000, 3
-"""Numbers in the Jacobians of models that are kept, and the least number of models."""
+_NUMBERS_KEPT, _LEAST_KEPT = 3_000_000, 3
+"""Data of models that are kept, and the least number of models."""
 
 Progress = Callable[[str], None]
 
@@ -120,7 +120,7 @@ class Search:
     def _forget(self) -> None:
         """Models of long tables that were not asked for lately: a fit is made again in less than a second or two."""
         first = next(iter(self._attempts.values()))
-        kept = max(_NUMBERS_KEPT // first.jacobian.size, _LEAST_KEPT)
+        kept = max(_NUMBERS_KEPT // len(first.left), _LEAST_KEPT)
         while len(self._attempts) > kept:
             del self._attempts[next(iter(self._attempts))]
 
