@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigctl.analysis.measurement_result import MeasurementResult
+from rigctl.core.errors import DataError
 from rigctl.core.extra import needed
 from rigctl.report import html
 from rigctl.report.document import result_pieces
@@ -39,8 +40,11 @@ class ShownComparison(Comparison):
     """A comparison, shown."""
 
     def plot(self, covariate: str | None = None) -> Plate[ResidualRow]:
-        """The residuals against a covariate, by default the one that they follow most clearly."""
-        return residual_plate(clearest_first(self)[0] if covariate is None else covariate, [self])
+        """The residuals against a covariate, by default that which they follow most clearly; `DataError`."""
+        covariate = covariate or next(iter(clearest_first(self)), None)
+        if covariate is None:
+            raise DataError("no condition varies from run to run; name one to plot against: plot(COVARIATE)")
+        return residual_plate(covariate, [self])
 
     def frame(self) -> DataFrame:
         """A row of pandas for each datum: run, channel, component, whitened residual, covariates of its run."""

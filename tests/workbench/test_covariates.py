@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from rigctl.core.errors import DataError
 from rigctl.report.figures.residuals import clearest_first
+from rigctl.report.notebook import shown_comparison
 from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.covariates import distinct
 
@@ -56,3 +59,11 @@ def test_an_angle_asked_for_is_neither_a_trend_nor_a_figure_beside_the_one_reach
     covariates = clearest_first(found)
     assert "theta_deg" in covariates
     assert "theta_asked_deg" not in covariates
+
+
+def test_where_no_condition_varies_a_plot_says_so(made_up: Any) -> None:
+    found = compare(made_up.study(3, {}), ())
+    still = {name: np.full_like(values, 1.0) for name, values in found.observations.covariates.items()}
+    alike = replace(found, observations=replace(found.observations, covariates=still), trends=())
+    with pytest.raises(DataError, match="no condition varies from run to run; name one"):
+        shown_comparison(alike).plot()

@@ -60,9 +60,8 @@ def alike_biases(one: Placed, run: PlatformRuns, levels: FloatArray, size: float
         curved = _mean_by_run(run, numbers, shape)
         if len(levels) < _FEWEST_RUNS or not np.ptp(curved) > 1e-9 * np.abs(curved).max():
             return None
-        if np.linalg.norm(shape - (shape @ straight) / (straight @ straight) * straight) < _BENT * np.linalg.norm(
-            shape
-        ):
+        bent = shape - (shape @ straight) / (straight @ straight) * straight
+        if np.linalg.norm(bent) < _BENT * np.linalg.norm(shape):
             return None
         slope, level = np.polyfit(curved - curved.mean(), read, 1)
         found, alike = float(slope), np.asarray(read - slope * curved)
