@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 
@@ -14,12 +14,32 @@ from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.chain import Origins, Runs, periodic_motion
 from rigctl.experiments.sensing_axis.model.geometry import leaning
 from rigctl.experiments.sensing_axis.model.parameters import Family, Layout, Sharing
-from rigctl.experiments.sensing_axis.model.prediction import Chain, Place, Prediction
+from rigctl.experiments.sensing_axis.model.prediction import Chain, Place, Prediction, Stages
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables, heads_of
 from rigctl.files.package import HeadSettings, Package, unit_vector
 
 _ROWS_TOGETHER, _FEWEST = 1000, 2
 """Runs with their copies that are predicted at once, and the families for which that is worth it."""
+
+Observe = Callable[[Prediction], FloatArray]
+
+
+@dataclass(frozen=True)
+class Here:
+    """What a model has at some parameter values: what its chain worked out, and derivatives that were asked for."""
+
+    given: Mapping[str, FloatArray]
+    stages: Stages = field(default_factory=Stages)
+    slopes: dict[tuple[Observe, frozenset[str] | None], FloatArray] = field(default_factory=dict)
+
+
+class Latest:
+    """Where the last of some models was asked: a fit that goes on from there, and noise that is told beside it, ask
+    again."""
+
+    def __init__(self) -> None:
+        self.asked: tuple[object, bytes] | None = None
+        self.here = Here({})
 
 
 class RecordingModel:
@@ -48,10 +68,10 @@ class RecordingModel:
         self.origins = origins or origins_of(self.runs)
         self.heads = tuple(name for name in heads_of(runs) if name in heads)
         if like is None:
-            self._sharing = Sharing(self.runs)
+            self._sharing, self._latest = Sharing(self.runs), Latest()
             self._bare = Chain(self._collect_conditions(), {name: self._place(name) for name in self.heads}, {})
         else:
-            self._sharing, self._bare = like._sharing, like._bare
+            self._sharing, self._latest, self._bare = like._sharing, like._latest, like._bare
         acting = {item: self.reach(item) for item in self.effects if not item.scanned}
         self._chain = replace(self._bare, acting=acting)
         layout = Layout(self._sharing, package, {name: heads[name] for name in self.heads}, acting)
@@ -60,6 +80,7 @@ class RecordingModel:
         self.owners = layout.owners
         self.families = layout.families
         self._repeated: dict[int, Chain] = {}
+        self._key = object()
         self._steps = np.array([parameter.step for parameter in self.parameters], dtype=np.float64)
 
     def index(self, name: str) -> int:
@@ -101,12 +122,17 @@ class RecordingModel:
         """Of the runs."""
         return self._bare.conditions
 
-    def predict(self, values: FloatArray, *, accel: bool = True, lasers: bool = True) -> Prediction:
-        """Amplitudes of every channel of every run for parameter values of shape (parameters,).
+    def predict(self, values: FloatArray) -> Prediction:
+        """Amplitudes of every channel of every run for parameter values of shape (parameters,)."""
+        here = self._here(values)
+        return self._chain.predict(here.given, stages=here.stages)
 
-        Channels that are not wanted are left zero.
-        """
-        return self._chain.predict(self._of_runs(values), accel=accel, lasers=lasers)
+    def _here(self, values: FloatArray) -> Here:
+        """What has been worked out at these values, if they were the last."""
+        asked = self._key, values.tobytes()
+        if self._latest.asked != asked:
+            self._latest.asked, self._latest.here = asked, Here(self._of_runs(values))
+        return self._latest.here
 
     def _of_runs(self, values: FloatArray) -> dict[str, FloatArray]:
         """Of each family every run's own parameter, (runs, 1)."""
@@ -115,28 +141,36 @@ class RecordingModel:
     def jacobian(
         self,
         values: FloatArray,
-        observe: Callable[[Prediction], FloatArray],
+        observe: Observe,
         *,
         owners: Collection[str] | None = None,
     ) -> FloatArray:
         """Derivatives of `observe(prediction)`, which has one row per run; shape (rows * columns, parameters).
 
         One pair of predictions per family: the parameters of a family touch different runs. With `owners` only
-        the columns of these effects are worked out, the rest is zero.
+        the columns of these effects are worked out, the rest is zero. Not to be written to.
         """
-        width = observe(self.predict(values)).shape[1]
-        jacobian = np.zeros((len(self.runs), width, len(self.parameters)))
+        asked = observe, None if owners is None else frozenset(owners)
+        slopes = self._here(values).slopes
+        if asked not in slopes:
+            slopes[asked] = self._slopes(values, *asked)
+            slopes[asked].flags.writeable = False
+        return slopes[asked]
+
+    def _slopes(self, values: FloatArray, observe: Observe, owners: Collection[str] | None) -> FloatArray:
+        here, width = self._here(values), observe(self.predict(values)).shape[1]
+        slopes = np.zeros((len(self.runs), width, len(self.parameters)))
         rows = np.arange(len(self.runs))
-        for family, upper, lower in self._stepped(values, owners):
+        for family, upper, lower in self._stepped(here.given, here.stages, owners):
             # Of a run only its own member of the family moved: its row is that member's derivative.
             step = self._steps[family.columns][:, None]
-            jacobian[rows, :, family.columns] = (observe(upper) - observe(lower)) / (2.0 * step)
-        return jacobian.reshape(-1, len(self.parameters))
+            slopes[rows, :, family.columns] = (observe(upper) - observe(lower)) / (2.0 * step)
+        return slopes.reshape(-1, len(self.parameters))
 
     def _stepped(
-        self, values: FloatArray, owners: Collection[str] | None
+        self, given: Mapping[str, FloatArray], stages: Stages, owners: Collection[str] | None
     ) -> Iterator[tuple[Family, Prediction, Prediction]]:
-        """Each family with the predictions a step above and a step below `values`."""
+        """Each family with the predictions a step above what is `given` and a step below; `stages` of there."""
         asked = [family for family in self.families if owners is None or family.owner in owners]
         together = max(_ROWS_TOGETHER // (2 * max(len(self.runs), 1)), 1)
         for (accel, lasers), alike in groupby(sorted(asked, key=_channels), key=_channels):
@@ -145,37 +179,32 @@ class RecordingModel:
                 some = families[first : first + together]
                 # A call for few runs costs as much as one for a hundred.
                 if len(some) >= _FEWEST and self._run_by_run:
-                    yield from zip(some, *self._predict_copies(values, some, accel, lasers), strict=True)
-                else:
-                    for family in some:
-                        above, below = (self._moved(values, family, sign) for sign in (1.0, -1.0))
-                        yield (
-                            family,
-                            self.predict(above, accel=accel, lasers=lasers),
-                            self.predict(below, accel=accel, lasers=lasers),
-                        )
+                    yield from zip(some, *self._predict_copies(given, some, accel, lasers), strict=True)
+                    continue
+                for family in some:
+                    step = self._steps[family.columns][:, None]
+                    above, below = ({**given, family.base: given[family.base] + moved} for moved in (step, -step))
+                    yield (
+                        family,
+                        self._chain.predict(above, accel=accel, lasers=lasers, stages=stages),
+                        self._chain.predict(below, accel=accel, lasers=lasers, stages=stages),
+                    )
 
     def _predict_copies(
-        self, values: FloatArray, families: Sequence[Family], accel: bool, lasers: bool
+        self, given: Mapping[str, FloatArray], families: Sequence[Family], accel: bool, lasers: bool
     ) -> tuple[list[Prediction], list[Prediction]]:
-        """Predictions a step above `values` and a step below, family by family, from copies of the runs."""
+        """Predictions a step above and a step below, family by family, from copies of the runs."""
         times = 2 * len(families)
-        given = {base: np.tile(column, (times, 1)) for base, column in self._of_runs(values).items()}
+        copied = {base: np.tile(column, (times, 1)) for base, column in given.items()}
         for place, family in enumerate(families):
             step = self._steps[family.columns]
-            copies = given[family.base].reshape(times, -1)
+            copies = copied[family.base].reshape(times, -1)
             copies[2 * place] += step
             copies[2 * place + 1] -= step
         if times not in self._repeated:
             self._repeated[times] = self._chain.repeated(times)
-        each = self._repeated[times].predict(given, accel=accel, lasers=lasers).copies(times)
+        each = self._repeated[times].predict(copied, accel=accel, lasers=lasers).copies(times)
         return each[::2], each[1::2]
-
-    def _moved(self, values: FloatArray, family: Family, sign: float) -> FloatArray:
-        moved = values.copy()
-        members = slice(family.first, family.first + family.count)
-        moved[members] += sign * self._steps[members]
-        return moved
 
     @cached_property
     def _run_by_run(self) -> bool:

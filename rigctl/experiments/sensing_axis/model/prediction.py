@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from operator import is_
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from rigctl.experiments.sensing_axis.model.chain import Runs, harmonics, referre
 from rigctl.experiments.sensing_axis.model.geometry import X_LAB, components, lab_from_cube_mount
 from rigctl.experiments.sensing_axis.model.parameters import family_of, scale_of
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS
+
+Stage = TypeVar("Stage")
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,21 @@ class Place:
     outward: FloatArray
     leaning: FloatArray
     tilt: float
+
+
+@dataclass(frozen=True)
+class Stages:
+    """What the first of some predictions worked out on its way, by where in the chain and of which arrays: those that
+    are given the very same arrays there find it."""
+
+    worked_out: dict[str, tuple[tuple[FloatArray, ...], Any]] = field(default_factory=dict)
+
+    def at(self, where: str, of: tuple[FloatArray, ...], work_out: Callable[[], Stage]) -> Stage:
+        """What is worked out at this point of the chain of these arrays, or what the first prediction had of them."""
+        known = self.worked_out.get(where)
+        if known is None:
+            known = self.worked_out[where] = (of, work_out())
+        return cast(Stage, known[1]) if all(map(is_, known[0], of)) else work_out()
 
 
 @dataclass(frozen=True)
@@ -81,23 +100,34 @@ class Chain:
         """The runs as an effect on a head's reading finds them, as if the head read the motion itself: a perfectly
         mounted package would hide from the side heads what they see of any other."""
         run = self.conditions
-        return self._seen(head, lab_from_cube_mount(run.theta, np.zeros(3)), run).at(signal=run.x)
+        return self._seen(head, lab_from_cube_mount(run.theta, np.zeros(3)), run, Stages()).at(signal=run.x)
 
-    def predict(self, given: Mapping[str, FloatArray], *, accel: bool = True, lasers: bool = True) -> Prediction:
+    def predict(
+        self,
+        given: Mapping[str, FloatArray],
+        *,
+        accel: bool = True,
+        lasers: bool = True,
+        stages: Stages | None = None,
+    ) -> Prediction:
         """Amplitudes of every channel of every run; of each family of parameters `given` holds every run's (runs, 1).
 
-        Channels that are not wanted are left zero.
+        Channels that are not wanted are left zero. What a first prediction with the same `stages` worked out of the
+        same arrays is not worked out again.
         """
+        stages = stages or Stages()
         run = self.conditions.at(theta0=given["theta0"])
-        if "motion_m" in self._at_point:
+        moved = self._passed("motion_m", run, given, run.x, stages)
+        if moved is not run.x:
             # As a difference: velocity and acceleration follow what is added to the motion.
-            run = run.moved(self._passed("motion_m", run, given, run.x) - run.x)
-        run = run.at(theta=self._passed("angle_rad", run, given, run.theta))
+            there = stages.at("motion", (moved,), lambda: run.moved(moved - run.x))
+            run = run.at(x=there.x, v=there.v, a=there.a)
+        run = run.at(theta=self._passed("angle_rad", run, given, run.theta, stages))
         runs = len(run.omega)
-        accel_v = self._accel(run, given) if accel else np.zeros((runs, HARMONICS + 1), np.complex128)
+        accel_v = self._accel(run, given, stages) if accel else np.zeros((runs, HARMONICS + 1), np.complex128)
         if not (lasers and self.places):
             return Prediction(accel_v, np.zeros((runs, len(self.places), HARMONICS + 1), np.complex128))
-        return Prediction(accel_v, self._lasers(run, given))
+        return Prediction(accel_v, self._lasers(run, given, stages))
 
     @cached_property
     def _at_point(self) -> dict[str, list[Effect]]:
@@ -105,33 +135,44 @@ class Chain:
             point: [item for item in self.acting if item.on == point] for point in {each.on for each in self.acting}
         }
 
-    def _accel(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
-        run = run.at(theta0=self._passed("null_rad", run, given, run.theta0))
+    def _accel(self, run: Runs, given: Mapping[str, FloatArray], stages: Stages) -> ComplexArray:
+        run = run.at(theta0=self._passed("null_rad", run, given, run.theta0, stages))
         # Eq. 5: a = -w^2 x, so that S rises with theta - theta0 (docs/physics.md).
-        inertia = -np.sin(run.theta - run.theta0) * run.a
-        force = self._passed("specific_force_m_s2", run, given, inertia)
+        angles = run.theta, run.theta0
+        inertia = stages.at("inertia", (*angles, run.a), lambda: -np.sin(run.theta - run.theta0) * run.a)
+        force = self._passed("specific_force_m_s2", run, given, inertia, stages)
+        gain, level = given["gain"], given["dc"]
         # The level is static: effects behind this point (gain drifts) act on it too.
-        volts = self._passed("sensor_output_v", run, given, given["gain"] * force + given["dc"])
-        return referred(harmonics(volts, HARMONICS))
+        ideal = stages.at("volts", (gain, force, level), lambda: gain * force + level)
+        volts = self._passed("sensor_output_v", run, given, ideal, stages)
+        return stages.at("accel_v", (volts,), lambda: referred(harmonics(volts, HARMONICS)))
 
-    def _lasers(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
-        delta = np.concatenate([given["delta_x"], given["delta_y"], given["delta_z"]], axis=1)
+    def _lasers(self, run: Runs, given: Mapping[str, FloatArray], stages: Stages) -> ComplexArray:
+        turns = given["delta_x"], given["delta_y"], given["delta_z"]
         # One rotation per run, or per grid point where an effect moves the angle within the period.
-        rotation = lab_from_cube_mount(run.theta, delta[:, None, :])
-        readings = []
-        for head in self.places:
-            seen = self._seen(head, rotation, run)
-            # A head whose scale nobody calls uncertain has no such parameter.
-            scale = 1.0 + given.get(scale_of(head), np.zeros(1))
-            readings.append(self._passed("laser_m", seen, given, seen.signal * scale))
-        return referred(harmonics(np.stack(readings, axis=1), HARMONICS))
+        rotation = stages.at(
+            "rotation",
+            (run.theta, *turns),
+            lambda: lab_from_cube_mount(run.theta, np.concatenate(turns, axis=1)[:, None, :]),
+        )
+        return np.stack([self._read(head, rotation, run, given, stages) for head in self.places], axis=1)
 
-    def _seen(self, head: str, rotation: FloatArray, run: Runs) -> Runs:
+    def _read(
+        self, head: str, rotation: FloatArray, run: Runs, given: Mapping[str, FloatArray], stages: Stages
+    ) -> ComplexArray:
+        """Amplitudes that a head reads, (runs, H+1)."""
+        seen = self._seen(head, rotation, run, stages)
+        scaled = seen.signal
+        # A head whose scale nobody calls uncertain has no such parameter.
+        if (scale := given.get(scale_of(head))) is not None:
+            scaled = stages.at(f"scaled {head}", (seen.signal, scale), lambda: seen.signal * (1.0 + scale))
+        reading = self._passed("laser_m", seen, given, scaled, stages)
+        return stages.at(f"read {head}", (reading,), lambda: referred(harmonics(reading, HARMONICS)))
+
+    def _seen(self, head: str, rotation: FloatArray, run: Runs, stages: Stages) -> Runs:
         """The runs as one head sees them: `signal` is the motion along the face's normal n over c . n."""
         place = self.places[head]
-        # A face moved by x meets the beam (n . x) / (c . n) farther along it, n its normal, c the beam's direction.
-        along, across, ahead = components(rotation, place.outward, place.outward, place.leaning, X_LAB)
-        cosine = np.cos(place.tilt) * along + np.sin(place.tilt) * across
+        along, across, signal = stages.at(f"seen {head}", (rotation, run.x), lambda: _faced(place, rotation, run.x))
         return run.at(
             head=head,
             along=along,
@@ -139,14 +180,33 @@ class Chain:
             tilt=place.tilt,
             # 1 for a head along y, across the motion.
             side=np.abs(place.outward[..., 1]),
-            signal=run.x * ahead / cosine,
+            signal=signal,
         )
 
-    def _passed(self, point: str, run: Runs, given: Mapping[str, FloatArray], signal: FloatArray) -> FloatArray:
+    def _passed(
+        self, point: str, run: Runs, given: Mapping[str, FloatArray], signal: FloatArray, stages: Stages
+    ) -> FloatArray:
         """The signal behind a point of the chain, with what the effects add there, one after the other."""
+        state = run.x, run.v, run.a, run.theta, run.theta0, run.along, run.across
         for item in self._at_point.get(point, ()):
             if item.scope == "head" and run.head not in self.acting[item]:
                 continue
             parameters = {name: given[family_of(item, name, run.head)] for name in item.parameters}
-            signal = signal + item(run.at(signal=signal), **parameters)
+            # Zero of all adds nothing.
+            if any(each.any() for each in parameters.values()):
+                behind = partial(_behind, item, run.at(signal=signal), parameters)
+                signal = stages.at(f"{item.id} {run.head}", (signal, *parameters.values(), *state), behind)
         return signal
+
+
+def _behind(item: Effect, run: Runs, parameters: Mapping[str, FloatArray]) -> FloatArray:
+    """The signal with what an effect adds."""
+    return run.signal + item(run, **parameters)
+
+
+def _faced(place: Place, rotation: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of the normal of the face that a head looks at its part along and across the beam, and the reading for `x`."""
+    # A face moved by x meets the beam (n . x) / (c . n) farther along it, n its normal, c the beam's direction.
+    along, across, ahead = components(rotation, place.outward, place.outward, place.leaning, X_LAB)
+    cosine = np.cos(place.tilt) * along + np.sin(place.tilt) * across
+    return along, across, x * ahead / cosine
