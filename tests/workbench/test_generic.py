@@ -11,6 +11,7 @@ import pytest
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.findings import Unexplained
 from rigctl.workbench.study import NoisePool, Observations, Series
+from rigctl.workbench.verdict import generic
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.description import described
 from rigctl.workbench.verdict.generic import Generic
@@ -218,3 +219,28 @@ def test_a_statistic_is_that_of_its_p_value(made_up: Any) -> None:
     assert best is not None
     exact = attempt.projector.score(attempt.whitened_columns(best.columns))
     assert (best.statistic, best.dimension) == (pytest.approx(exact.statistic), exact.dimension)
+
+
+def test_shapes_of_long_data_are_those_that_are_kept_of_short_ones(
+    made_up: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some at a time, made once for series of the same runs."""
+    column = shape_of(made_up.conditions(), 2, 0, "")
+    foreign = np.concatenate([np.zeros(48), 2.0 * column, np.zeros(48)])
+    kept = Attempt(made_up.study(1, foreign=foreign), ()).best_shape
+    monkeypatch.setattr(generic, "_FEW_DATA", 100)
+    monkeypatch.setattr(generic, "_HARDLY", float("inf"))
+    in_turn = Attempt(made_up.study(1, foreign=foreign), ()).best_shape
+    monkeypatch.setattr(generic, "_HARDLY", 0)
+    counted_once = Attempt(made_up.study(1, foreign=foreign), ()).best_shape
+    assert kept is not None
+    assert in_turn is not None
+    assert counted_once is not None
+    assert kept.shape.series == 1
+    assert kept.shape == in_turn.shape == counted_once.shape
+    assert in_turn.statistic == pytest.approx(kept.statistic, rel=1e-9)
+    assert counted_once.statistic == in_turn.statistic
+    # Counted from twenty of a thousand draws below the quantile, and three fitted columns take some trials away.
+    assert in_turn.n_eff == pytest.approx(kept.n_eff, rel=3.0 * np.sqrt(2.0 / 20.0))
+    assert counted_once.n_eff == pytest.approx(in_turn.n_eff, rel=3.0 * np.sqrt(2.0 / 20.0))
+    assert counted_once.n_eff != in_turn.n_eff

@@ -65,7 +65,9 @@ class SensingAxisModel:
 
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
-        return self.slopes(self.inner, self.si(values)) / self._shown
+        slopes = self.slopes(self.inner, self.si(values))
+        slopes /= self._shown
+        return slopes
 
     def slopes(self, model: RecordingModel, values: FloatArray, owners: Sequence[str] | None = None) -> FloatArray:
         """Derivatives of these data for any model of these runs, in SI; shape (n, its parameters)."""

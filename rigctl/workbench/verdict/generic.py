@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,16 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.score import ABSORBED, Projector, corrected, p_of, smallest_p
-from rigctl.workbench.verdict.shapes import Factor, Part, Shape, distinct, factors_of, normalised, plain
+from rigctl.workbench.verdict.shapes import (
+    ANGLE_HARMONICS,
+    Factor,
+    Part,
+    Shape,
+    distinct,
+    factors_of,
+    normalised,
+    plain,
+)
 from rigctl.workbench.verdict.trials import trials_of
 
 SHAPE_DRAWS = 1000
@@ -26,6 +36,9 @@ SHAPE_DRAWS = 1000
 _MANY = 1 << 22
 # Beyond, the columns of all shapes would take gigabytes: a few of them are made at a time, and not kept.
 _FEW_DATA, _TOGETHER = 20_000, 6
+_HARDLY = 30
+"""So many columns of shapes for each that is fitted."""
+
 _NONE = np.zeros((0, 0))
 _NO_SMALLER = 1e-12
 """P-values below are no longer compared: evidence is."""
@@ -56,38 +69,53 @@ class Generic:
     def __init__(self, given: Observations) -> None:
         self._given = given
         self._kept: dict[int, Part] = {}
-        self._names: dict[int, list[Factor]] = {}
         self._main: dict[bytes, FloatArray] = {}
         self._streams: dict[tuple[int, ...], tuple[np.random.Generator, list[NDArray[np.float32]]]] = {}
 
     def _parts(self) -> Iterator[Part]:
-        """Series by series; kept where that takes little memory."""
+        """Series by series, and kept, where that takes little memory; else some shapes at a time."""
+        yield from self._in_turn() if self._long else self._of_each()
         for number in range(len(self._given.series)):
-            part = self._kept.get(number)
-            if part is None:
-                rows = np.flatnonzero(self._given.series_of == number)
-                if not len(rows):
-                    continue
-                if len(self._given.value) > _FEW_DATA:
-                    yield from self._in_turn(number, rows)
-                    continue
-                part = self._kept[number] = distinct(self._given, number, rows, factors_of(self._given, number, rows))
-            yield part
             if names := [name for series, name in self._given.templates if series == number]:
                 columns = np.stack([self._given.templates[number, name] for name in names], axis=1)
                 rows = np.flatnonzero(np.any(columns != 0.0, axis=1))
                 shapes = [Shape(number, 0, 0, name) for name in names]
                 yield rows, shapes, normalised(columns[rows]), np.full(len(names), -1, dtype=np.intp)
 
-    def _in_turn(self, number: int, rows: IntArray) -> Iterator[Part]:
-        """The shapes of a long series, some at a time, each time beside the constant."""
-        if number not in self._names:
-            self._names[number] = factors_of(self._given, number, rows)
-        constant, *others = self._names[number]
-        for first in range(0, len(others), _TOGETHER):
-            yield distinct(self._given, number, rows, [constant, *others[first : first + _TOGETHER]])
-        if not others:
-            yield distinct(self._given, number, rows, [constant])
+    def _of_each(self) -> Iterator[Part]:
+        for number, rows in self._rows.items():
+            if number not in self._kept:
+                self._kept[number] = distinct(self._given, number, rows, factors_of(self._given, number, rows))
+            yield self._kept[number]
+
+    def _in_turn(self) -> Iterator[Part]:
+        """Shapes of long series, each time beside the constant; made once for all series of the same runs."""
+        for (constant, *others), series in self._alike:
+            first = series[0]
+            for place in range(0, max(len(others), 1), _TOGETHER):
+                factors = [constant, *others[place : place + _TOGETHER]]
+                _, shapes, stack, second = distinct(self._given, first, self._rows[first], factors)
+                for number in series:
+                    yield self._rows[number], [replace(each, series=number) for each in shapes], stack, second
+
+    @cached_property
+    def _alike(self) -> list[tuple[list[Factor], list[int]]]:
+        """Series that have the same factors in the same runs."""
+        alike: dict[tuple[bytes, tuple[Factor, ...]], list[int]] = {}
+        for number, rows in self._rows.items():
+            factors = tuple(factors_of(self._given, number, rows))
+            alike.setdefault((self._given.run_of[rows].tobytes(), factors), []).append(number)
+        return [(list(factors), series) for (_, factors), series in alike.items()]
+
+    @cached_property
+    def _rows(self) -> dict[int, IntArray]:
+        """Of each series that has any."""
+        rows = {number: np.flatnonzero(self._given.series_of == number) for number in range(len(self._given.series))}
+        return {number: each for number, each in rows.items() if len(each)}
+
+    @property
+    def _long(self) -> bool:
+        return len(self._given.value) > _FEW_DATA
 
     def main_columns(self, where: IntArray) -> FloatArray:
         """The shapes one at a time, products left out, at some data: what saturates a small pool; (data, k)."""
@@ -116,21 +144,14 @@ class Generic:
 
     def best(self, noise: Noise, projector: Projector, stream: tuple[int, ...], number: int = 0) -> Best | None:
         """The strongest shape in the residuals; None where all shapes are absorbed. Trials are counted in draws of
-        this `number` in a random `stream`."""
-        rows = len(projector.left)
-        sketch = sketch_of(rows) if rows > _FEW_DATA else None
-        drawn = rows if sketch is None else sketch.buckets
-        # Single precision, and fewer draws of long data: the count of trials needs no more.
-        draws = self._draws(stream, number, (min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn))
-        basis = projector.basis if sketch is None else sketch.of(projector.basis)
-        fitted = basis.T.astype(np.float32) @ draws
-        smallest = np.ones(draws.shape[1])
+        this `number` in a random `stream`, of long data once for all models."""
         shapes: list[Shape] = []
         scored: list[_Scored] = []
+        count = None if self._hardly_fitted(projector) else _Count(self, projector, stream, number)
         for part in self._parts():
             of_series = self._scored(part, noise, projector)
-            tried = of_series if sketch is None else _sketched(of_series, sketch)
-            smallest = np.minimum(smallest, _smallest(tried, draws, fitted))
+            if count is not None:
+                count.add(of_series)
             shapes += part[1]
             # Columns of all series together would be many times the data: they are made again for the one that wins.
             scored.append(replace(of_series, columns=_NONE, shadow=_NONE))
@@ -140,7 +161,7 @@ class Generic:
         dimensions = np.concatenate([each.dimension for each in scored])
         dof = np.concatenate([each.dof for each in scored])
         p_values = p_of(statistics, dimensions, dof)
-        n_eff = trials_of(smallest)
+        n_eff = self._trials if count is None else count.trials
         top = _strongest(statistics, dimensions, p_values, projector.data)
         p_value = float(p_values[top])
         beside = statistics + np.concatenate([each.constant_statistic for each in scored])
@@ -163,7 +184,28 @@ class Generic:
             described_columns,
         )
 
-    def _draws(self, stream: tuple[int, ...], number: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+    def _hardly_fitted(self, projector: Projector) -> bool:
+        """Whether what is fitted takes next to nothing from shapes of long data: as many trials as in any model."""
+        return self._long and _HARDLY * projector.basis.shape[1] < self._tried
+
+    @cached_property
+    def _tried(self) -> int:
+        """Columns of all shapes."""
+        wide = 1 if self._given.angle is None else 2 * ANGLE_HARMONICS + 1
+        return sum(wide * len(factors) * len(series) for factors, series in self._alike)
+
+    @cached_property
+    def _trials(self) -> float:
+        """How many independent trials all shapes amount to where nothing is fitted."""
+        rows = len(self._given.value)
+        noise = Noise(self._given.sigma, np.full(rows, np.inf), (), ())
+        nothing = Projector(np.zeros((rows, 0)), np.zeros(rows), noise.dof, rows)
+        count = _Count(self, nothing, (0,), 0)
+        for part in self._parts():
+            count.add(self._scored(part, noise, nothing))
+        return count.trials
+
+    def draws(self, stream: tuple[int, ...], number: int, shape: tuple[int, int]) -> NDArray[np.float32]:
         """Draws (rows, draws) from their `shape` (draws, rows): all models of the same data are asked in the same."""
         rng, made = self._streams.setdefault((*stream, *shape), (np.random.default_rng(stream), []))
         while len(made) <= number:
@@ -234,6 +276,29 @@ class Generic:
             pairs,
             constant_statistic,
         )
+
+
+class _Count:
+    """Of shapes, scored part by part, how many independent trials they amount to beside what a projector has fitted:
+    in draws of this `number` in a random `stream`."""
+
+    def __init__(self, generic: Generic, projector: Projector, stream: tuple[int, ...], number: int) -> None:
+        rows = len(projector.left)
+        self._sketch = sketch_of(rows) if rows > _FEW_DATA else None
+        drawn = rows if self._sketch is None else self._sketch.buckets
+        # Single precision, and fewer draws of long data: the count of trials needs no more.
+        self._draws = generic.draws(stream, number, (min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn))
+        basis = projector.basis if self._sketch is None else self._sketch.of(projector.basis)
+        self._fitted = basis.T.astype(np.float32) @ self._draws
+        self._smallest = np.ones(self._draws.shape[1])
+
+    def add(self, each: _Scored) -> None:
+        tried = each if self._sketch is None else _sketched(each, self._sketch)
+        self._smallest = np.minimum(self._smallest, _smallest(tried, self._draws, self._fitted))
+
+    @property
+    def trials(self) -> float:
+        return trials_of(self._smallest)
 
 
 @dataclass(frozen=True)

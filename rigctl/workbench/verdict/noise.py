@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from rigctl.analysis.decomposition import svd
+from rigctl.analysis.decomposition import basis_by_gram, svd
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.verdict.kernels import SlowNoise
 
@@ -125,5 +125,7 @@ def orthonormal(columns: FloatArray, tolerance: float) -> FloatArray:
     used = columns[:, norms > 0.0] / norms[norms > 0.0]
     if not used.shape[1]:
         return np.zeros((len(columns), 0))
+    if (basis := basis_by_gram(used)) is not None:
+        return basis
     left, s, _ = svd(used)
     return np.asarray(left[:, s > tolerance * s[0]])
