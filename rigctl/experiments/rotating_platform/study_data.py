@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,8 @@ _UNIT = Chains(
 )
 
 
+# Each question that is asked about proposals asks about the same ones.
+@lru_cache(maxsize=64)
 def imagined_cells(
     pattern: Pattern,
     periods: int,
@@ -98,10 +100,12 @@ def _course(
         for turn in pattern.turns:
             begin_s = number * pattern.period_s + turn.start_s
             target = stop + math.pi if forward else (0.0 if turn.to_sign > 0 else math.pi)
-            phase = 2.0 * np.pi * np.clip((t_s - begin_s) / pattern.rotation_s, 0.0, 1.0)
-            theta += (target - stop) * (phase - np.sin(phase)) / (2.0 * np.pi)
-            end_s = begin_s + pattern.rotation_s - mask_short_s
-            moving[(t_s >= begin_s) & (t_s < end_s)] = 1.0
+            end_s = begin_s + pattern.rotation_s
+            begin, masked, end = np.searchsorted(t_s, (begin_s, end_s - mask_short_s, end_s))
+            phase = 2.0 * np.pi * (t_s[begin:end] - begin_s) / pattern.rotation_s
+            theta[begin:end] = stop + (target - stop) * (phase - np.sin(phase)) / (2.0 * np.pi)
+            theta[end:] = target
+            moving[begin:masked] = 1.0
             stop = target
     return theta, moving
 
@@ -139,34 +143,30 @@ def _proposal(
 def imagined_channels(proposals: Sequence[Proposal], seen: Sequence[ChannelRun], chains: Chains) -> list[ChannelRun]:
     """The proposed runs in both channels, with the noise of the last run there was."""
     channels: list[ChannelRun] = []
-    made: dict[str, Cells] = {}
     noises: dict[str, RunNoise] = {each.channel: each.noise for each in seen}
     # After everything there is: drifts and tides go on in time.
     later_s = max((_end_s(each.run) for each in seen), default=0.0) + BETWEEN_S
     for number, proposal in enumerate(proposals, start=1):
         given = proposal.settings
-        cells = _cells(given, chains, made)
+        cells = _cells(given, chains)
         conditions = {**given, "external": "constant", "temperature_c": math.nan, "start_s": later_s}
         run = PlatformRun(f"next {number}", conditions, cells)
         channels += [channel_run(run, Reducer(cells, channel), noises[channel]) for channel in CHANNELS]
     return channels
 
 
-def _cells(given: Mapping[str, Any], chains: Chains, made: dict[str, Cells]) -> Cells:
-    key = repr(sorted(given.items()))
-    if key not in made:
-        name = str(given["pattern"])
-        if name == "custom":
-            raise ConfigError("a custom pattern cannot be proposed: name a, b, c or c_tm")
-        made[key] = imagined_cells(
-            named_pattern(name, float(given["modulation_period_s"]), given.get("rotation_s")),
-            int(given["periods"]),
-            float(given.get("sample_rate_hz", SAMPLE_RATE_HZ)),
-            c_z_m_s2=float(given["v_z_v"]) / chains.command_v_per_m_s2["z"],
-            c_y_m_s2=float(given.get("v_y_v", 0.0)) / chains.command_v_per_m_s2["y"],
-            forward=given.get("turning") == "forward",
-        )
-    return made[key]
+def _cells(given: Mapping[str, Any], chains: Chains) -> Cells:
+    name = str(given["pattern"])
+    if name == "custom":
+        raise ConfigError("a custom pattern cannot be proposed: name a, b, c or c_tm")
+    return imagined_cells(
+        named_pattern(name, float(given["modulation_period_s"]), given.get("rotation_s")),
+        int(given["periods"]),
+        float(given.get("sample_rate_hz", SAMPLE_RATE_HZ)),
+        c_z_m_s2=float(given["v_z_v"]) / chains.command_v_per_m_s2["z"],
+        c_y_m_s2=float(given.get("v_y_v", 0.0)) / chains.command_v_per_m_s2["y"],
+        forward=given.get("turning") == "forward",
+    )
 
 
 def _end_s(run: PlatformRun) -> float:
