@@ -12,6 +12,7 @@ from rigctl.effects.catalogue import Effect
 from rigctl.experiments.inflight.effect_changes import STEP
 from rigctl.experiments.inflight.model.parameters import NAMES, NUISANCES
 from rigctl.experiments.inflight.study_data import FlightData
+from rigctl.workbench.asked_again import once_in_a_row
 from rigctl.workbench.study import Observations, Term
 
 
@@ -46,6 +47,7 @@ class InflightModel:
         shared, changes = self._split(values)
         return np.asarray(self.observations.value - self.data.baseline.residual(shared, changes))
 
+    @once_in_a_row
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         shared, changes = self._split(values)

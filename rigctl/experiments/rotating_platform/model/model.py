@@ -18,6 +18,7 @@ from rigctl.experiments.rotating_platform.model.alike_biases import READING, Ali
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, turned
 from rigctl.experiments.rotating_platform.model.recorded_runs import MISMATCH, OF_A_RUN, SHARED, Recorded
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+from rigctl.workbench.asked_again import once_in_a_row
 from rigctl.workbench.other_minima import OtherMinimum
 from rigctl.workbench.placed import (
     EffectParameter,
@@ -139,6 +140,7 @@ class PlatformModel:
             return None
         return alike_biases(one, run, values[self.recorded.places("bias", channel)], size)
 
+    @once_in_a_row
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         values = np.asarray(values, dtype=np.float64)

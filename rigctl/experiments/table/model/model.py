@@ -18,6 +18,7 @@ from rigctl.experiments.table.model.scanned import Periodic, Scanned, Step
 from rigctl.experiments.table.model.step_place import place_sigma
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
+from rigctl.workbench.asked_again import once_in_a_row
 from rigctl.workbench.known_inputs import KnownInputs
 from rigctl.workbench.study import Observations, Term
 from rigctl.workbench.study_base import parameters_as_json
@@ -92,6 +93,7 @@ class TableModel:
         signal, _ = self._baseline(values)
         return np.asarray(sum((piece.added(part, signal) for piece, part in self._adding(values)), signal))
 
+    @once_in_a_row
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         signal, slopes = self._baseline(values)
