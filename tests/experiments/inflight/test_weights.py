@@ -37,6 +37,15 @@ def test_weights_are_the_adjoint_of_the_published_chain():
     assert weights(T_S, LINES_HZ) @ series == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 29750])
+def test_templates_are_cosines_and_sines(count):
+    at_s = 6e5 + T_S[:count]
+    angles = [2 * np.pi * f_hz * at_s for f_hz in LINES_HZ]
+    expected = np.concatenate([[np.cos(angle), np.sin(angle)] for angle in angles])
+    # Of phases of up to a few thousand radians.
+    assert templates(at_s, LINES_HZ) == pytest.approx(expected, abs=1e-11)
+
+
 @pytest.mark.parametrize("missing", [0.0, 0.1, 0.4])
 def test_lines_come_out_whatever_is_missing(missing):
     present = bursts(missing)

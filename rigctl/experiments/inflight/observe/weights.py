@@ -53,18 +53,10 @@ def band_pass(lowest_hz: float, highest_hz: float, sample_rate_hz: float) -> Flo
 
 
 def templates(t_s: FloatArray, lines_hz: Sequence[float], single: bool = False) -> FloatArray:
-    """Cosine and sine of each line, rows cos 1, sin 1, cos 2, ...; shape (2 lines, samples)."""
-    made = np.empty((2 * len(lines_hz), len(t_s)), dtype=np.float32 if single else np.float64)
-    for number, f_hz in enumerate(lines_hz):
-        angle = 2.0 * np.pi * f_hz * t_s
-        made[2 * number] = np.cos(angle)
-        made[2 * number + 1] = np.sin(angle)
-    return made
+    """Cosine and sine of each line at evenly spaced times, rows cos 1, sin 1, cos 2, ...; shape (2 lines, samples).
 
-
-def _even_templates(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> FloatArray:
-    """`templates` at evenly spaced times: a place's phase is its block's and that within the block, and one product
-    is less than a cosine and a sine."""
+    A place's phase is its block's and that within the block: one product is less than a cosine and a sine.
+    """
     made = np.empty((2 * len(lines_hz), len(t_s)), dtype=np.float32 if single else np.float64)
     within = math.isqrt(len(t_s)) + 1
     for number, f_hz in enumerate(lines_hz):
@@ -78,7 +70,7 @@ def _even_templates(t_s: FloatArray, lines_hz: Sequence[float], single: bool) ->
 def sum_of_lines(parts: FloatArray, t_s: FloatArray, lines_hz: Sequence[float]) -> FloatArray:
     """`parts` (2 lines,), cosine and sine of each line, summed at evenly spaced times; the shape of `t_s`.
 
-    A place's phase is its block's and that within the block: a product of matrices, and hardly a cosine.
+    As `templates`: a product of matrices, and hardly a cosine.
     """
     size = np.array(parts[0::2] - 1j * parts[1::2])
     rate = 2j * np.pi * np.array(lines_hz)
@@ -185,7 +177,7 @@ def _filtered(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> Float
     sections = band_pass(min(lines_hz), max(lines_hz), 1.0 / step_s)
     dropped = round(DROPPED_S / step_s)
     # In place and row by row: those of forty orbits are hundreds of megabytes.
-    rows = _even_templates(t_s, lines_hz, single)
+    rows = templates(t_s, lines_hz, single)
     for row in rows:
         row[:] = signal.sosfilt(sections, row - row.mean(dtype=np.float64))
     rows[:, :dropped] = 0.0
