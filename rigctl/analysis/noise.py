@@ -155,13 +155,16 @@ class NoisePool:
 
     def __init__(self) -> None:
         self._waiting: list[Spectrum] = []
+        self._bins = 0
 
     def add(self, spectrum: Spectrum) -> None:
         """Join the bins of one more run."""
         self._waiting.append(spectrum)
+        self._bins += spectrum.weight.size
         # Joined now and then: sorting everything for each new run would cost as the square of their number.
-        if sum(each.weight.size for each in self._waiting) > 16 * _MAX_POOL_BINS:
+        if self._bins > 16 * _MAX_POOL_BINS:
             self._waiting = [self.spectrum]
+            self._bins = self._waiting[0].weight.size
 
     @property
     def spectrum(self) -> Spectrum:

@@ -28,10 +28,20 @@ def format_value(value_mm: float, decimals: int) -> str:
 
 def format_values(values_mm: Iterable[float], decimals: int) -> str:
     """Comma-separated values."""
-    return ",".join([format_value(value, decimals) for value in values_mm])
+    return ",".join(_texts(values_mm, decimals))
 
 
 def shown_mm(values_mm: Iterable[float], decimals: int) -> FloatArray:
     """The numbers a reader of the text gets, NaN where it shows none."""
-    texts = [format_value(value, decimals) for value in values_mm]
-    return np.array([float(text) if text[1:2].isdigit() else np.nan for text in texts])
+    return np.array([float(text) if text[1:2].isdigit() else np.nan for text in _texts(values_mm, decimals)])
+
+
+def _texts(values_mm: Iterable[float], decimals: int) -> list[str]:
+    values = np.array(list(values_mm), dtype=np.float64)
+    if not (values.size and np.abs(values).max() < 10.0 ** (6 - decimals) - 1.0):
+        return [format_value(value, decimals) for value in values.tolist()]
+    # All that have their places at once, in a fifth of the time.
+    texts = (f"%+08.{decimals}f," * values.size % tuple(values.tolist())).split(",")[:-1]
+    for place in np.flatnonzero(np.signbit(values) & (values > -(10.0**-decimals))).tolist():
+        texts[place] = format_value(float(values[place]), decimals)  # it may be a negative zero
+    return texts

@@ -10,7 +10,8 @@ from scipy.signal import iirpeak, sosfilt
 from rigctl.core.arrays import FloatArray
 from simulators.worlds.bench_settings import GroundNoiseSettings
 
-_BLOCK = 512
+_BLOCK, _AHEAD = 512, 8
+"""Rows that are drawn at a time, and so many times that before the next are wanted: few calls cost less than many."""
 
 
 class GroundNoise:
@@ -35,22 +36,22 @@ class GroundNoise:
         if self._bump_rms > 0.0:
             ring_down_s = quality / (math.pi * settings.bump_frequency_hz)
             # Run in for ten ring-downs, to be stationary from the first row on.
-            self._bump(math.ceil(10.0 * ring_down_s / step_s))
+            self._shaped(rng.standard_normal((math.ceil(10.0 * ring_down_s / step_s), 3)))
 
     def take(self, count: int) -> FloatArray:
         """The next `count` rows, shape (count, 3)."""
         missing = count - len(self._ready)
         if missing > 0:
-            blocks = [self._block() for _ in range(math.ceil(missing / _BLOCK))]
-            self._ready = np.concatenate([self._ready, *blocks])
+            self._ready = np.concatenate([self._ready, self._blocks(max(math.ceil(missing / _BLOCK), _AHEAD))])
         taken, self._ready = self._ready[:count], self._ready[count:]
         return taken
 
-    def _block(self) -> FloatArray:
-        rows = self._white_rms * self._rng.standard_normal((_BLOCK, 3))
-        return rows + self._bump(_BLOCK) if self._bump_rms > 0.0 else rows
+    def _blocks(self, count: int) -> FloatArray:
+        drawn = self._rng.standard_normal((count, 2 if self._bump_rms > 0.0 else 1, _BLOCK, 3))
+        rows = self._white_rms * drawn[:, 0].reshape(-1, 3)
+        return rows + self._shaped(drawn[:, 1].reshape(-1, 3)) if self._bump_rms > 0.0 else rows
 
-    def _bump(self, count: int) -> FloatArray:
-        white = self._bump_rms * self._rng.standard_normal((count, 3))
-        shaped, self._state = sosfilt(self._sections, white, axis=0, zi=self._state)
+    def _shaped(self, white: FloatArray) -> FloatArray:
+        """The bump, from white noise of unit variance, (rows, 3)."""
+        shaped, self._state = sosfilt(self._sections, self._bump_rms * white, axis=0, zi=self._state)
         return np.asarray(shaped, dtype=np.float64)

@@ -20,7 +20,7 @@ from simulators.keyence_lkg import (
     SimulatedLkg5000,
 )
 from simulators.keyence_lkg.heads import high_pass, low_pass, moving_average
-from simulators.keyence_lkg.values import format_value
+from simulators.keyence_lkg.values import format_value, format_values
 from simulators.wiring import Signal, TriggerLine
 
 Simulated = SimulatedLkg3001 | SimulatedLkg5000
@@ -169,6 +169,14 @@ def test_a_written_value_is_the_value_within_half_its_last_place(value_mm: float
     assert len(text) == 8
     last_place = 10.0 ** -len(text.partition(".")[2])
     assert abs(float(text) - value_mm) <= 0.5 * last_place * (1 + 1e-6)
+
+
+@given(
+    st.lists(st.floats(-99.0, 99.0) | st.floats(-1e-3, 1e-3) | st.floats(allow_nan=True, allow_infinity=True)),
+    st.integers(1, 5),
+)
+def test_values_written_together_are_those_written_one_by_one(values_mm: list[float], decimals: int) -> None:
+    assert format_values(values_mm, decimals) == ",".join(format_value(each, decimals) for each in values_mm)
 
 
 @both_generations
