@@ -31,7 +31,7 @@ from benchmarks.machine import conditions
 from procedures.inflight.monte_carlo import Unit, reduce_unit
 from procedures.inflight.tables import MonteCarlo
 from rigctl.core.arrays import FloatArray
-from rigctl.experiments.inflight.result.draws import rows_of
+from rigctl.experiments.inflight.result.draws import weights_of
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.forcing import Command
 from simulators.worlds.satellite.instrument import drawn
@@ -85,7 +85,7 @@ def main() -> None:
     ensemble = Ensemble(NATURE)
     unit = Unit(ensemble, study, ORBIT_S, "ac13", 5, tuple(range(ensemble.at_once)))
     steps = round((asked.orbits * ORBIT_S + SETTLE_S) / STEP_S)
-    weights_s = processor_s(lambda: rows_of(unit.flown))
+    weights_s = processor_s(lambda: weights_of(unit.flown))
     reduce_unit(unit)
 
     command = Command(round(asked.orbits * ORBIT_S / STEP_S))
@@ -116,7 +116,7 @@ def main() -> None:
         ratio = "" if name in {"ours", "simulated only"} else f"  {step_s / median['ours']:7.0f}"
         print(f"  {name:<16} {1e9 * step_s:10.1f} ns {draw_s:10.2f} s{ratio}")
     longest = Unit(ensemble, MonteCarlo(name="monte-carlo"), ORBIT_S, "ac12", 4, (0,)).flown
-    longest_s = processor_s(lambda: rows_of(longest))
+    longest_s = processor_s(lambda: weights_of(longest))
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6
     draw_s = median["ours"] * STEPS_OF_A_DRAW
     print(f"  weights of the lines: {weights_s:.2f} s for this stretch, {longest_s:.2f} s for forty orbits")

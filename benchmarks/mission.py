@@ -28,7 +28,7 @@ from rigctl.core.satellites import FlightSession
 from rigctl.experiments.inflight.model.parameters import SHARED
 from rigctl.experiments.inflight.observe.equivalence import GRAVITY, TestRun, known_lines, reduce_test
 from rigctl.experiments.inflight.observe.series import NEEDED
-from rigctl.experiments.inflight.observe.weights import templates
+from rigctl.experiments.inflight.observe.waves import templates
 from rigctl.experiments.inflight.result.equivalence import ALIKE, calibrated_of, equivalence
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.settings import SatelliteSettings

@@ -34,7 +34,7 @@ from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.toml_files import validated
 
-RECIPE = Recipe("inflight draws", 3)
+RECIPE = Recipe("inflight draws", 4)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ import numpy as np
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.observe.reduction import ReducedRun, halves_of
 from rigctl.experiments.inflight.observe.sessions import Line, Session
-from rigctl.experiments.inflight.observe.weights import amplitudes, templates, weights
+from rigctl.experiments.inflight.observe.waves import templates
+from rigctl.experiments.inflight.observe.weights import amplitudes, weights
 
 STIMULUS_SETTINGS = ("amplitude", "calibration_frequency_hz", "phase_rad")
 STRONGER = 2.0

@@ -23,7 +23,7 @@ from rigctl.experiments.inflight.observations import observations_of
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import temperatures, without_pulses
 from rigctl.experiments.inflight.observe.store_reduction import kept_by, reduced_without, reduction
-from rigctl.experiments.inflight.observe.weights import templates
+from rigctl.experiments.inflight.observe.waves import templates
 from rigctl.experiments.inflight.sample_findings import relative_noise
 from rigctl.experiments.inflight.templates import by_own_columns
 from rigctl.workbench.study import Observations, Proposal

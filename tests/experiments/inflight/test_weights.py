@@ -6,17 +6,16 @@ from scipy import signal
 
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.grid import grid_of, thinned, thinning_gain
+from rigctl.experiments.inflight.observe.published import DROPPED_S, Streamed, published_weights
 from rigctl.experiments.inflight.observe.series import NEEDED
+from rigctl.experiments.inflight.observe.waves import templates
 from rigctl.experiments.inflight.observe.weights import (
     DRIFT_CYCLES,
-    DROPPED_S,
     amplitudes,
-    band_pass,
     drift_weights,
     level_weights,
     response,
     spread,
-    templates,
     weights,
 )
 
@@ -28,13 +27,44 @@ LINES_HZ = [2 / 5950, 7.3 / 5950, 14.6 / 5950]
 def test_weights_are_the_adjoint_of_the_published_chain():
     rng = np.random.default_rng(1)
     series = 3e-8 + np.cumsum(rng.standard_normal(len(T_S)))
-    sections = band_pass(min(LINES_HZ), max(LINES_HZ), 1.0 / STEP_S)
+    corners = (("highpass", 0.5 * min(LINES_HZ)), ("lowpass", 2.0 * max(LINES_HZ)))
+    sections = np.vstack([signal.butter(2, hz, kind, fs=1.0 / STEP_S, output="sos") for kind, hz in corners])
     dropped = round(DROPPED_S / STEP_S)
     lines = templates(T_S, LINES_HZ)
     design = signal.sosfilt(sections, lines - lines.mean(axis=1, keepdims=True), axis=1)[:, dropped:]
     filtered = signal.sosfilt(sections, series - series.mean())[dropped:]
     expected, *_ = np.linalg.lstsq(design.T, filtered, rcond=None)
-    assert weights(T_S, LINES_HZ) @ series == pytest.approx(expected, rel=1e-6)
+    # Sections in double precision know their poles, 1e-3 from 1, to 1e-10 of that.
+    assert weights(T_S, LINES_HZ) @ series == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("step_s", [0.25, 2.0, 8.0])
+@pytest.mark.parametrize("orbits", [2, 3.7])
+def test_amplitudes_summed_while_samples_come_are_those_of_the_rows(step_s, orbits):
+    """In pieces of any length; the highest line at 8 s is too near to half the rate for a low-pass."""
+    rng = np.random.default_rng(4)
+    lines_hz = [[1 / 5950, 2 / 5950, 0.031], [3 / 5950, 2 / 5950]]
+    count = round(orbits * 5950 / step_s)
+    groups = [published_weights(1.3e4, step_s, count, each) for each in lines_hz]
+    series = 4.0 + rng.standard_normal((3, count, 2))
+    sums, at = Streamed(groups, 700), 0
+    while at < count:
+        piece = series[:, at : at + rng.integers(1, 701)]
+        sums.add(at, piece)
+        at += piece.shape[1]
+    for group, found in zip(groups, sums.parts(), strict=True):
+        rows = group.rows()
+        scale = np.linalg.norm(rows, axis=1)[:, None]
+        assert found / scale == pytest.approx(rows @ series / scale, abs=1e-9)
+        assert group.squares() == pytest.approx(np.sum(rows**2, axis=1), rel=1e-12)
+        assert np.array_equal(group.rows(slice(1, 3)), rows[1:3])
+    assert sums.means() == pytest.approx(series.mean(axis=1), rel=1e-12)
+
+
+def test_rows_are_orthogonal_to_a_constant_and_say_what_lines_are():
+    rows, lines = weights(T_S, LINES_HZ), templates(T_S, LINES_HZ)
+    assert np.abs(rows.sum(axis=1)).max() < 1e-13 * np.abs(rows).sum(axis=1).min()
+    assert rows @ lines.T == pytest.approx(np.eye(len(lines)), abs=1e-11)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 10, 29750])

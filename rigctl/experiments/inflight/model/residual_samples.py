@@ -16,7 +16,8 @@ from rigctl.experiments.inflight.observe.grid import Grid, grid_of
 from rigctl.experiments.inflight.observe.pulses import FALL_S, RISE_S
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import AFTER_S, NEEDED, raw_series
-from rigctl.experiments.inflight.observe.weights import sum_of_lines, taper, templates
+from rigctl.experiments.inflight.observe.waves import sum_of_lines, templates
+from rigctl.experiments.inflight.observe.weights import taper
 
 THRESHOLD_SIGMA = 6.0
 """Weaker pulses are not looked at."""

@@ -19,7 +19,8 @@ from rigctl.experiments.inflight.observe.grid import grid_of
 from rigctl.experiments.inflight.observe.pulses import pulses_of
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, covered, raw_series
 from rigctl.experiments.inflight.observe.sessions import Session, session_of
-from rigctl.experiments.inflight.observe.weights import FEWEST_SAMPLES, taper, templates
+from rigctl.experiments.inflight.observe.waves import templates
+from rigctl.experiments.inflight.observe.weights import FEWEST_SAMPLES, taper
 
 GRAVITY = ("g_x", "g_z")
 FEWEST_ORBITS = 8.0

@@ -8,7 +8,7 @@ from rigctl.experiments.inflight.observe.equivalence import TestRun, reduce_test
 from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, Session
 from rigctl.experiments.inflight.observe.store_reduction import orbit_period_of
 
-RECIPE = Recipe("inflight-equivalence", 4)
+RECIPE = Recipe("inflight-equivalence", 5)
 """Its version is counted up whenever equivalence.py or pulses.py would give other numbers."""
 
 

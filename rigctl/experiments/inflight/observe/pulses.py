@@ -20,7 +20,7 @@ from scipy import linalg, signal
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.experiments.inflight.observe.grid import Grid, bell, thinned
 from rigctl.experiments.inflight.observe.series import AFTER_S, covered
-from rigctl.experiments.inflight.observe.weights import templates
+from rigctl.experiments.inflight.observe.waves import templates
 
 # Of crackling in orbit: e^(-t / 3 s) - e^(-t / 1 s).
 RISE_S, FALL_S = 1.0, 3.0

@@ -23,14 +23,8 @@ from rigctl.experiments.inflight.observe.sessions import (
     Session,
     session_of,
 )
-from rigctl.experiments.inflight.observe.weights import (
-    drift_weights,
-    level_weights,
-    spread,
-    taper,
-    templates,
-    weights,
-)
+from rigctl.experiments.inflight.observe.waves import templates
+from rigctl.experiments.inflight.observe.weights import drift_weights, level_weights, spread, taper, weights
 
 
 @dataclass(frozen=True)

@@ -13,17 +13,16 @@ What is slow leaves nothing in such lines, where the band-pass lets a part of it
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
+from rigctl.experiments.inflight.observe.published import published_weights
+from rigctl.experiments.inflight.observe.waves import inverse_of, sum_of_lines, templates
 
-# As published. Shorter than the transient of such a band-pass (950 s), which the templates share.
-DROPPED_S = 200.0
 TAPER_S = 12.0
 """Weights rise over so long from the edge of a gap."""
 
@@ -35,66 +34,22 @@ DRIFT_CYCLES = 0.67
 
 # Flicker noise makes less of a bend by this factor.
 _BENDS_LESS = 1.34
-_SINGULAR = 1e-6
 _STILL = 1e-12
 """Radians from one sample to the next below which a wave stands still."""
 
 _AT_ONCE = 1 << 16
 
 
-def band_pass(lowest_hz: float, highest_hz: float, sample_rate_hz: float) -> FloatArray:
-    """The published band-pass for lines between two frequencies, as second-order sections."""
-    high_pass = signal.butter(2, 0.5 * lowest_hz, "highpass", fs=sample_rate_hz, output="sos")
-    # At so high a corner a digital low-pass has nothing left to take away.
-    if 2.0 * highest_hz >= 0.45 * sample_rate_hz:
-        return np.asarray(high_pass)
-    low_pass = signal.butter(2, 2.0 * highest_hz, "lowpass", fs=sample_rate_hz, output="sos")
-    return np.vstack([high_pass, low_pass])
-
-
-def templates(t_s: FloatArray, lines_hz: Sequence[float], single: bool = False) -> FloatArray:
-    """Cosine and sine of each line at evenly spaced times, rows cos 1, sin 1, cos 2, ...; shape (2 lines, samples).
-
-    A place's phase is its block's and that within the block: one product is less than a cosine and a sine.
-    """
-    made = np.empty((2 * len(lines_hz), len(t_s)), dtype=np.float32 if single else np.float64)
-    within = math.isqrt(len(t_s)) + 1
-    for number, f_hz in enumerate(lines_hz):
-        rate = 2j * np.pi * f_hz
-        blocks, waves = np.exp(rate * t_s[::within]), np.exp(rate * (t_s[:within] - t_s[0]))
-        wave = np.multiply.outer(blocks, waves).ravel()[: len(t_s)]
-        made[2 * number], made[2 * number + 1] = wave.real, wave.imag
-    return made
-
-
-def sum_of_lines(parts: FloatArray, t_s: FloatArray, lines_hz: Sequence[float]) -> FloatArray:
-    """`parts` (2 lines,), cosine and sine of each line, summed at evenly spaced times; the shape of `t_s`.
-
-    As `templates`: a product of matrices, and hardly a cosine.
-    """
-    size = np.array(parts[0::2] - 1j * parts[1::2])
-    rate = 2j * np.pi * np.array(lines_hz)
-    count = len(t_s)
-    step_s, within = float(t_s[-1] - t_s[0]) / (count - 1), math.isqrt(count) + 1
-    blocks = size * np.exp(rate * t_s[::within, None])
-    waves = np.exp(rate[:, None] * step_s * np.arange(within))
-    return np.asarray((blocks.real @ waves.real - blocks.imag @ waves.imag).ravel()[:count])
-
-
-def weights(
-    t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None, *, single: bool = False
-) -> FloatArray:
+def weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None) -> FloatArray:
     """Rows w with w s = c, s of each line: s = c cos + s sin; shape (2 lines, samples).
 
     `t_s` (samples,) is evenly spaced; `present` (samples,) says which samples there are, all by default. Rows are
     zero where there is none, and every row is orthogonal to a constant. Raises `DataError` when the samples that are
     there cannot tell the lines apart.
-
-    `single`: of whole stretches, in single precision, for half the memory. Rounding is alike for all series, but a
-    row then lets some 1e-8 of a constant through: whoever uses it takes the levels' part out.
     """
     if present is None or bool(np.all(present)):
-        return _filtered(t_s, lines_hz, single)
+        step_s = float(t_s[-1] - t_s[0]) / (len(t_s) - 1)
+        return published_weights(float(t_s[0]), step_s, len(t_s), lines_hz).rows()
     return _tapered(t_s, lines_hz, present)
 
 
@@ -108,7 +63,7 @@ def drift_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray
     shapes = np.sqrt(3.0) * x, np.sqrt(5.0) * (1.5 * x**2 - 0.5) / _BENDS_LESS
     design = np.vstack([*shapes, np.ones_like(x), templates(t_s, lines_hz)])
     weighted = design * taper(present, float(t_s[1] - t_s[0]))
-    return np.asarray(_inverse(weighted @ design.T)[:2] @ weighted)
+    return np.asarray(inverse_of(weighted @ design.T)[:2] @ weighted)
 
 
 def level_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None) -> FloatArray:
@@ -167,33 +122,12 @@ def response(row: FloatArray, step_s: float, density: Callable[[FloatArray], Flo
     density that grows with frequency comes in.
     """
     count = fft.next_fast_len(2 * len(row), real=True)
-    power = np.abs(fft.rfft(row, count)[1:]) ** 2
-    step_hz = 1.0 / (count * step_s)
-    return float(np.sqrt(power @ density(step_hz * np.arange(1.0, len(power) + 1.0)) * step_hz))
-
-
-def _filtered(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> FloatArray:
-    step_s = float(t_s[1] - t_s[0])
-    sections = band_pass(min(lines_hz), max(lines_hz), 1.0 / step_s)
-    dropped = round(DROPPED_S / step_s)
-    # In place and row by row: those of forty orbits are hundreds of megabytes.
-    rows = templates(t_s, lines_hz, single)
-    for row in rows:
-        row[:] = signal.sosfilt(sections, row - row.mean(dtype=np.float64))
-    rows[:, :dropped] = 0.0
-    parts = [slice(start, start + _AT_ONCE) for start in range(0, rows.shape[1], _AT_ONCE)]
-    # Filtered templates fit filtered data: gain and phase of the filter cancel.
-    normal = np.sum([part @ part.T for part in (rows[:, where].astype(np.float64) for where in parts)], axis=0)
-    for row in rows:
-        # The adjoint of a causal filter is the same filter backwards in time.
-        row[:] = signal.sosfilt(sections, row[::-1].astype(np.float64))[::-1]
-    inverse = _inverse(normal)
-    for where in parts:
-        rows[:, where] = inverse @ rows[:, where].astype(np.float64)
-    for row in rows:
-        # Subtracting the mean is its own adjoint.
-        row -= row.mean(dtype=np.float64)
-    return rows
+    spectrum = fft.rfft(row, count)
+    step_hz, variance = 1.0 / (count * step_s), 0.0
+    for start in range(1, len(spectrum), _AT_ONCE):
+        power = np.abs(spectrum[start : start + _AT_ONCE]) ** 2
+        variance += float(power @ density(step_hz * np.arange(start, start + len(power), dtype=np.float64)) * step_hz)
+    return float(np.sqrt(variance))
 
 
 def _tapered(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray) -> FloatArray:
@@ -203,7 +137,7 @@ def _tapered(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray) -> 
     lines = templates(t_s, lines_hz)
     design = np.vstack([lines, _slow(t_s, min(lines_hz))])
     weighted = design * weight
-    return np.asarray(_inverse(weighted @ design.T)[: len(lines)] @ weighted)
+    return np.asarray(inverse_of(weighted @ design.T)[: len(lines)] @ weighted)
 
 
 def _slow(t_s: FloatArray, lowest_hz: float) -> FloatArray:
@@ -223,11 +157,3 @@ def taper(present: BoolArray, step_s: float) -> FloatArray:
     nearest = np.minimum(place - gaps[following - 1], gaps[np.minimum(following, len(gaps) - 1)] - place)
     rise = np.clip((nearest - 0.5) * step_s / TAPER_S, 0.0, 1.0)
     return np.where(present, 0.5 - 0.5 * np.cos(np.pi * rise), 0.0)
-
-
-def _inverse(normal: FloatArray) -> FloatArray:
-    size = np.sqrt(np.diag(normal))
-    values = np.linalg.eigvalsh(normal / np.outer(size, size))
-    if not values[0] > _SINGULAR * values[-1]:
-        raise DataError("the samples cannot tell the lines apart: record longer, or choose another frequency")
-    return np.asarray(np.linalg.inv(normal))

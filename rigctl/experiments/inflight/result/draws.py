@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from rigctl.experiments.inflight.model.baseline import joint_estimate
 from rigctl.experiments.inflight.model.observed import stretch_of
 from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.observe.published import PublishedWeights, Streamed, published_weights
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, Amplitudes, central, raw_series
 from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, QUADRATIC, Line, Session
-from rigctl.experiments.inflight.observe.weights import response, spread, weights
+from rigctl.experiments.inflight.observe.weights import response, spread
 from rigctl.experiments.inflight.result.equivalence import calibrated_of
 from rigctl.experiments.inflight.result.missions import TEST_CHUNK, reduced_tests, run_of, tested
 from rigctl.experiments.inflight.result.monte_carlo import Draw
@@ -70,13 +71,13 @@ class Flown:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
-    """Weights of all samples, (2 lines, samples) each in single precision: of the published estimate's lines, and of
-    those observed. `sigma` (lines, 2) is that of cosine and sine of the published lines in the noise the study
-    expects, `spread` (lines,) that of one component of each observed line in noise of unit density."""
+class _Weights:
+    """Of the published estimate's lines, and of those observed. `sigma` (lines, 2) is that of cosine and sine of the
+    published lines in the noise the study expects, `spread` (lines,) that of one component of each observed line in
+    noise of unit density."""
 
-    published: FloatArray
-    observed: FloatArray
+    published: PublishedWeights
+    observed: PublishedWeights
     sigma: FloatArray
     spread: FloatArray
 
@@ -97,36 +98,29 @@ def reduced(
     """Some draws of a session, reduced as their telemetry comes, (samples, columns, draws) at a time.
 
     Arrays: `parts` (series, 2 lines, draws) of the published and then the observed lines, `means` (series, draws),
-    `draws`, and `sigma` and `spread` as `_Rows` has them; those of a session of the test as `reduced_tests` says.
+    `draws`, and `sigma` and `spread` as `_Weights` has them; those of a session of the test as `reduced_tests` says.
     `going_on` raises when nobody waits any more.
     """
     if flown.session.name in EQUIVALENCE:
         return reduced_tests(flown.session, flown.duration_s, telemetry, columns, draws, going_on)
-    prepared, session = rows_of(flown), flown.session
-    groups = (prepared.published, prepared.observed)
-    parts = [np.zeros((len(SERIES), len(rows), len(draws))) for rows in groups]
-    totals = np.zeros((len(SERIES), len(draws)))
+    prepared, session = weights_of(flown), flown.session
+    sums = Streamed((prepared.published, prepared.observed), CHUNK)
     # Series from here on are nil: forces always, what is moved unless the session moves masses.
-    filled = INDEX["force x" if session.moves_masses else "moved"]
-    at = 0
-    memory, products = np.zeros((len(SERIES), CHUNK, len(draws))), [part[:filled].copy() for part in parts]
+    filled, at = INDEX["force x" if session.moves_masses else "moved"], 0
+    memory = np.zeros((len(SERIES), CHUNK, len(draws)))
     for chunk in telemetry:
         going_on()
         t_s = session.sample_period_s * np.arange(at, at + len(chunk), dtype=np.float64)
         by_name = {name: chunk[:, place] for place, name in enumerate(columns)}
-        series = raw_series(session, t_s[:, np.newaxis], by_name, memory[:, : len(chunk)]).T[:filled]
-        for part, rows, product in zip(parts, groups, products, strict=True):
-            part[:filled] += np.matmul(rows[:, at : at + len(chunk)].astype(np.float64), series, out=product)
-        totals[:filled] += np.ones(len(chunk)) @ series
+        raw_series(session, t_s[:, np.newaxis], by_name, memory[:, : len(chunk)])
+        sums.add(at, memory[:filled, : len(chunk)])
         at += len(chunk)
-    means = totals / at
-    for part, rows in zip(parts, groups, strict=True):
-        # In single precision the weights of a line let a billionth of a level through; it is not wanted.
-        part -= rows.sum(axis=1, dtype=np.float64)[:, np.newaxis] * means[:, np.newaxis]
+    found = np.concatenate(sums.parts(), axis=1), sums.means()
+    parts, means = (np.concatenate([each, np.zeros((len(SERIES) - filled, *each.shape[1:]))]) for each in found)
     return Packed(
         {},
         {
-            "parts": np.concatenate(parts, axis=1),
+            "parts": parts,
             "means": means,
             "draws": np.array(draws),
             "sigma": prepared.sigma,
@@ -135,30 +129,19 @@ def reduced(
     )
 
 
-def rows_of(flown: Flown) -> _Rows:
-    """The weights of a session, made once for all of its draws: large, so those of one session at a time."""
-    with _MAKING:
-        if flown not in _HELD:
-            # Weights of one session are hundreds of megabytes.
-            _HELD.clear()
-            _HELD[flown] = _rows(flown)
-        return _HELD[flown]
-
-
-_MAKING = threading.Lock()
-_HELD: dict[Flown, _Rows] = {}
-
-
-def _rows(flown: Flown) -> _Rows:
+@lru_cache(maxsize=1)
+def weights_of(flown: Flown) -> _Weights:
+    """The weights of a session, made once for all of its draws."""
     session, step_s = flown.session, flown.session.sample_period_s
-    t_s = step_s * np.arange(round(flown.duration_s / step_s), dtype=np.float64)
+    count = round(flown.duration_s / step_s)
     published, observed = (
-        weights(t_s, [session.frequency_of(line) for line in lines], single=True)
+        published_weights(0.0, step_s, count, [session.frequency_of(line) for line in lines])
         for lines in (flown.published, flown.observed)
     )
-    sigma = np.array([response(row, step_s, flown.density) for row in published])
-    squares = np.array([np.dot(row, row) for row in observed])
-    return _Rows(published, observed, sigma.reshape(-1, 2), spread(squares, step_s))
+    # Line by line: the rows of forty orbits are a hundred megabytes.
+    pairs = (published.rows(slice(place, place + 2)) for place in range(0, 2 * len(published.lines_hz), 2))
+    sigma = np.array([response(row, step_s, flown.density) for pair in pairs for row in pair])
+    return _Weights(published, observed, sigma.reshape(-1, 2), spread(observed.squares(), step_s))
 
 
 def estimated(
