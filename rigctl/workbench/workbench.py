@@ -119,7 +119,10 @@ class Workbench:
 
         chosen, account = version or self.current, self.account()
         if chosen.version not in self._fits:
-            found = fitted(self.attempt(chosen), account, self._optimum(chosen), self._warnings(chosen))
+            # A comparison asks the same, and it takes long.
+            kept = versions.kept_comparison(self.store, self.plugin_files, chosen) or {}
+            attempt, optimum, warnings = self.attempt(chosen), self._optimum(chosen), self._warnings(chosen)
+            found = fitted(attempt, account, optimum, warnings, kept.get("p_value"))
             self._fits[chosen.version] = found
         return self._fits[chosen.version]
 

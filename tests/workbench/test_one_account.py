@@ -15,7 +15,7 @@ from rigctl.composition import opened_workbench
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.workbench.model import versions
-from rigctl.workbench.verdict import compare
+from rigctl.workbench.verdict import compare, fit
 from rigctl.workbench.verdict.account import account_of, recalled
 from rigctl.workbench.verdict.search import Search
 
@@ -136,6 +136,21 @@ def test_what_a_comparison_found_is_asked_once(
         bench.store.mark(run_id, valid=False, reason="not this one")
     with opened_workbench(store) as bench, pytest.raises(pytest.fail.Exception):
         bench.compare(bench.version(1))
+
+
+def test_a_fit_is_as_adequate_as_its_comparison_found(
+    seasons: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Path(shutil.copy(seasons, tmp_path))
+    with opened_workbench(store) as bench:
+        alone = bench.fitted(bench.version(1)).as_json()
+        bench.compare(bench.version(1))
+    monkeypatch.setattr(fit, "adequacy", lambda *_: pytest.fail("asked again"))
+    with opened_workbench(store) as bench:
+        assert bench.fitted(bench.version(1)).as_json() == alone
+        bench.store.mark(bench.store.runs()[0].run_id, valid=False, reason="not this one")
+    with opened_workbench(store) as bench, pytest.raises(pytest.fail.Exception):
+        bench.fitted(bench.version(1))
 
 
 def test_a_full_disk_keeps_nobody_from_a_comparison(

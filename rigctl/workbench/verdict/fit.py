@@ -34,9 +34,14 @@ def parameters_of(study: Study, terms: Sequence[Term]) -> dict[str, Estimate]:
 
 
 def fitted(
-    attempt: Attempt, account: Account, optimum: Optimum | None = None, warnings: Sequence[str] = ()
+    attempt: Attempt,
+    account: Account,
+    optimum: Optimum | None = None,
+    warnings: Sequence[str] = (),
+    p_value: float | None = None,
 ) -> ModelFit:
-    """What a fitted attempt amounts to; `optimum` is where its likelihood is largest, by default looked for."""
+    """What a fitted attempt amounts to; `optimum` is where its likelihood is largest and `p_value` its adequacy, by
+    default looked for and asked."""
     result = attempt.result
     most_likely = optimum or maximum_likelihood(attempt, attempt.estimator)
     return ModelFit(
@@ -44,7 +49,7 @@ def fitted(
         parameters=attempt.estimates(),
         chi2=result.chi2,
         dof=result.dof,
-        p_value=adequacy(attempt, account),
+        p_value=adequacy(attempt, account) if p_value is None else p_value,
         error_fit=attempt.error(),
         error_held_out=attempt.held_out.error(),
         residuals=attempt.whitened(),
