@@ -49,7 +49,7 @@ def test_amplitudes_summed_while_samples_come_are_those_of_the_rows(step_s, orbi
     count = round(orbits * 5950 / step_s)
     groups = [published_weights(1.3e4, step_s, count, each) for each in lines_hz]
     series = 4.0 + rng.standard_normal((3, count, 2))
-    sums, at = Streamed(groups, 700), 0
+    sums, at = Streamed(groups, 700, (3, 2)), 0
     while at < count:
         piece = series[:, at : at + rng.integers(1, 701)]
         sums.add(at, piece)

@@ -127,13 +127,14 @@ def on_parts(values: ComplexArray) -> FloatArray:
 
 
 class Streamed:
-    """What several weights of one stretch come to, while its series come `most` samples at a time or fewer.
+    """What several weights of one stretch come to, while its series come `most` samples at a time or fewer, an array
+    (series, samples, k) of `shape` (series, k).
 
     Waves and decays of a piece are those of the first one, turned and shrunk by what has passed: products are of rows
     that stay, and no row of weights is made.
     """
 
-    def __init__(self, groups: Sequence[PublishedWeights], most: int) -> None:
+    def __init__(self, groups: Sequence[PublishedWeights], most: int, shape: tuple[int, int]) -> None:
         self._groups, first = groups, groups[0]
         self._count, self._dropped = first.count, first.dropped
         self._first_s, self._step_s = first.first_s, first.step_s
@@ -145,25 +146,20 @@ class Streamed:
         self._log_poles = np.concatenate([group.log_poles for group in groups for _ in range(3)])
         self._kind = np.concatenate([np.repeat(range(3), len(group.log_poles)) for group in groups])
         self._decays = np.exp(self._log_poles[:, None] * np.arange(most))
-        self._rows: dict[tuple[int, bytes], FloatArray] = {}
-        self._on_waves: ComplexArray | None = None
-        self._on_decays: ComplexArray | None = None
-        self._totals: FloatArray | None = None
+        self._rows: dict[tuple[int, bool, bytes], FloatArray] = {}
+        self._on_waves = np.zeros((shape[0], len(self._rates), shape[1]), dtype=np.complex128)
+        self._on_decays = np.zeros((shape[0], len(self._log_poles), shape[1]), dtype=np.complex128)
+        self._totals = np.zeros(shape)
 
     def add(self, first: int, series: FloatArray) -> None:
         """Samples from number `first` on, (series, samples, k)."""
-        shape = len(series), series.shape[2]
-        if self._on_waves is None or self._on_decays is None or self._totals is None:
-            self._on_waves = np.zeros((shape[0], len(self._rates), shape[1]), dtype=np.complex128)
-            self._on_decays = np.zeros((shape[0], len(self._log_poles), shape[1]), dtype=np.complex128)
-            self._totals = np.zeros(shape)
         early = min(max(self._dropped - first, 0), series.shape[1])
         for start, part in ((first, series[:, :early]), (first + early, series[:, early:])):
             if part.shape[1]:
-                self._add(start, part, self._on_waves, self._on_decays)
+                self._add(start, part)
         self._totals += np.ones(series.shape[1]) @ series
 
-    def _add(self, first: int, series: FloatArray, on_waves: ComplexArray, on_decays: ComplexArray) -> None:
+    def _add(self, first: int, series: FloatArray) -> None:
         count, late = series.shape[1], first >= self._dropped
         youngest = np.array([first, self._count - first - count, self._dropped - first - count])[self._kind]
         alive = ((self._kind < 2) == late) & (self._log_poles.real * youngest > _GONE)
@@ -171,12 +167,12 @@ class Streamed:
         product = product[:, 0::2] + 1j * product[:, 1::2]
         if late:
             begin = np.exp(self._rates * (self._first_s + self._step_s * first))
-            on_waves += begin[:, None] * product[:, : len(begin)]
+            self._on_waves += begin[:, None] * product[:, : len(begin)]
         shrunk = np.exp(self._log_poles[alive] * youngest[alive])
-        on_decays[:, alive] += shrunk[:, None] * product[:, len(self._rates) if late else 0 :]
+        self._on_decays[:, alive] += shrunk[:, None] * product[:, len(self._rates) if late else 0 :]
 
     def _rows_of(self, count: int, late: bool, alive: NDArray[np.bool_]) -> FloatArray:
-        key = count, alive.tobytes()
+        key = count, late, alive.tobytes()
         if key not in self._rows:
             forwards = self._decays[alive, :count]
             decays = np.where((self._kind[alive] == 0)[:, None], forwards, forwards[:, ::-1])
@@ -185,8 +181,6 @@ class Streamed:
 
     def parts(self) -> list[FloatArray]:
         """By weights, w s of every series, (series, 2 lines, k)."""
-        if self._on_waves is None or self._on_decays is None or self._totals is None:
-            raise ValueError("no sample has come")
         parts, at = [], 0
         for group, lines in zip(self._groups, self._lines_of, strict=True):
             part = group.on_waves @ on_parts(self._on_waves[:, lines]) - group.level[:, None] * self._totals[:, None]
@@ -199,8 +193,6 @@ class Streamed:
 
     def means(self) -> FloatArray:
         """Of every series, (series, k)."""
-        if self._totals is None:
-            raise ValueError("no sample has come")
         return np.asarray(self._totals / self._count)
 
 

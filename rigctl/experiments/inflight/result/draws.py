@@ -104,9 +104,9 @@ def reduced(
     if flown.session.name in EQUIVALENCE:
         return reduced_tests(flown.session, flown.duration_s, telemetry, columns, draws, going_on)
     prepared, session = weights_of(flown), flown.session
-    sums = Streamed((prepared.published, prepared.observed), CHUNK)
     # Series from here on are nil: forces always, what is moved unless the session moves masses.
     filled, at = INDEX["force x" if session.moves_masses else "moved"], 0
+    sums = Streamed((prepared.published, prepared.observed), CHUNK, (filled, len(draws)))
     memory = np.zeros((len(SERIES), CHUNK, len(draws)))
     for chunk in telemetry:
         going_on()

@@ -38,8 +38,8 @@ class Latest:
     again."""
 
     def __init__(self) -> None:
-        self.asked: tuple[object, bytes] | None = None
-        self.here = Here({})
+        # One value: whoever asks in another thread finds the one or the other, never one's answer for the other's.
+        self.kept: tuple[tuple[object, bytes], Here] | None = None
 
 
 class RecordingModel:
@@ -130,9 +130,10 @@ class RecordingModel:
     def _here(self, values: FloatArray) -> Here:
         """What has been worked out at these values, if they were the last."""
         asked = self._key, values.tobytes()
-        if self._latest.asked != asked:
-            self._latest.asked, self._latest.here = asked, Here(self._of_runs(values))
-        return self._latest.here
+        kept = self._latest.kept
+        if kept is None or kept[0] != asked:
+            kept = self._latest.kept = asked, Here(self._of_runs(values))
+        return kept[1]
 
     def _of_runs(self, values: FloatArray) -> dict[str, FloatArray]:
         """Of each family every run's own parameter, (runs, 1)."""
@@ -151,14 +152,14 @@ class RecordingModel:
         the columns of these effects are worked out, the rest is zero. Not to be written to.
         """
         asked = observe, None if owners is None else frozenset(owners)
-        slopes = self._here(values).slopes
-        if asked not in slopes:
-            slopes[asked] = self._slopes(values, *asked)
-            slopes[asked].flags.writeable = False
-        return slopes[asked]
+        here = self._here(values)
+        if asked not in here.slopes:
+            here.slopes[asked] = self._slopes(here, *asked)
+            here.slopes[asked].flags.writeable = False
+        return here.slopes[asked]
 
-    def _slopes(self, values: FloatArray, observe: Observe, owners: Collection[str] | None) -> FloatArray:
-        here, width = self._here(values), observe(self.predict(values)).shape[1]
+    def _slopes(self, here: Here, observe: Observe, owners: Collection[str] | None) -> FloatArray:
+        width = observe(self._chain.predict(here.given, stages=here.stages)).shape[1]
         slopes = np.zeros((len(self.runs), width, len(self.parameters)))
         rows = np.arange(len(self.runs))
         for family, upper, lower in self._stepped(here.given, here.stages, owners):
