@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,14 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """NIST's load cell, of which a line is not enough."""
     store = tmp_path_factory.mktemp("cell") / "cell.rig.sqlite"
     import_bundle(ROOT / "examples" / "pontius", store).close()
+    return store
+
+
+@pytest.fixture
+def curved(cell: Path, tmp_path: Path) -> Path:
+    """The same with the square that it lacks as a second version."""
+    store = Path(shutil.copy(cell, tmp_path))
+    Campaign.add(store, "power2[load_lb]")
     return store
 
 
@@ -92,9 +101,8 @@ def test_a_diagnosis_shows_its_candidates(cell: Path) -> None:
     assert shown.frame().effect[0] == "power2[load_lb]"
 
 
-def test_a_ladder_falls_in_table_figure_and_frame(cell: Path) -> None:
-    Campaign.add(cell, "power2[load_lb]")
-    ladder = Campaign.history(cell)
+def test_a_ladder_falls_in_table_figure_and_frame(curved: Path) -> None:
+    ladder = Campaign.history(curved)
     frame = ladder.frame()
     assert frame.index.tolist() == [1, 2]
     assert frame.error_held_out.iloc[1] == pytest.approx(1.0, abs=0.1)
@@ -105,12 +113,12 @@ def test_a_ladder_falls_in_table_figure_and_frame(cell: Path) -> None:
     assert [row.version for row in ladder.plot().rows] == [1, 2]
 
 
-def test_a_fit_and_what_is_measured_are_tables(cell: Path) -> None:
-    fit, measured = Campaign.fit(cell), Campaign.measured(cell)
+def test_a_fit_and_what_is_measured_are_tables(curved: Path) -> None:
+    fit, measured = Campaign.fit(curved), Campaign.measured(curved)
     assert "<td>b1</td>" in _shows(fit)
     assert fit.frame().value["b1"] == fit.parameters["b1"].value
     assert "noise of deflection_in" in _shows(measured)
     frame = measured.frame()
     assert frame.U.to_numpy() == pytest.approx((frame.k * frame.u).to_numpy())
     assert np.array_equal(frame["u by noise of deflection_in"], frame.u)
-    assert "what the term says" in _shows(Campaign.show(cell))
+    assert "what the term says" in _shows(Campaign.show(curved))
