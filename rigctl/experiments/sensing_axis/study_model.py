@@ -19,6 +19,7 @@ from rigctl.experiments.sensing_axis.model.components import Stacked, observed
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.model.parameters import family_of
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, RunObservables
+from rigctl.workbench.asked_again import once_in_a_row
 from rigctl.workbench.study import Candidate, Observations, Term
 
 OF_A_MOUNTING = ("theta0", "dc", "delta_x", "delta_y", "delta_z")
@@ -63,6 +64,7 @@ class SensingAxisModel:
         """The data for parameter values of shape (m,); shape (n,)."""
         return observed(self.inner.predict(self.si(values)))[self._data.present]
 
+    @once_in_a_row
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         slopes = self.slopes(self.inner, self.si(values))

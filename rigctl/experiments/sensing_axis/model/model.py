@@ -21,21 +21,17 @@ from rigctl.files.package import HeadSettings, Package, unit_vector
 _ROWS_TOGETHER, _FEWEST = 1000, 2
 """Runs with their copies that are predicted at once, and the families for which that is worth it."""
 
-Observe = Callable[[Prediction], FloatArray]
-
 
 @dataclass(frozen=True)
 class Here:
-    """What a model has at some parameter values: what its chain worked out, and derivatives that were asked for."""
+    """A model's parameters at some values, every run's of each family, and what its chain worked out there."""
 
     given: Mapping[str, FloatArray]
     stages: Stages = field(default_factory=Stages)
-    slopes: dict[tuple[Observe, frozenset[str] | None], FloatArray] = field(default_factory=dict)
 
 
 class Latest:
-    """Where the last of some models was asked: a fit that goes on from there, and noise that is told beside it, ask
-    again."""
+    """Where the last of some models was asked: derivatives are asked for where a prediction was."""
 
     def __init__(self) -> None:
         # One value: whoever asks in another thread finds the one or the other, never one's answer for the other's.
@@ -142,23 +138,16 @@ class RecordingModel:
     def jacobian(
         self,
         values: FloatArray,
-        observe: Observe,
+        observe: Callable[[Prediction], FloatArray],
         *,
         owners: Collection[str] | None = None,
     ) -> FloatArray:
         """Derivatives of `observe(prediction)`, which has one row per run; shape (rows * columns, parameters).
 
         One pair of predictions per family: the parameters of a family touch different runs. With `owners` only
-        the columns of these effects are worked out, the rest is zero. Not to be written to.
+        the columns of these effects are worked out, the rest is zero.
         """
-        asked = observe, None if owners is None else frozenset(owners)
         here = self._here(values)
-        if asked not in here.slopes:
-            here.slopes[asked] = self._slopes(here, *asked)
-            here.slopes[asked].flags.writeable = False
-        return here.slopes[asked]
-
-    def _slopes(self, here: Here, observe: Observe, owners: Collection[str] | None) -> FloatArray:
         width = observe(self._chain.predict(here.given, stages=here.stages)).shape[1]
         slopes = np.zeros((len(self.runs), width, len(self.parameters)))
         rows = np.arange(len(self.runs))
