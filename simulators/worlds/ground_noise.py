@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.signal import iirpeak, sosfilt
 
 from rigctl.core.arrays import FloatArray
 from simulators.worlds.bench_settings import GroundNoiseSettings
+from simulators.worlds.recursion import SecondOrderSection
 
 _BLOCK, _AHEAD = 512, 8
 """Rows that are drawn at a time, and so many times that before the next are wanted: few calls cost less than many."""
@@ -30,9 +30,11 @@ class GroundNoise:
         self._bump_rms = settings.bump_asd_m_s2_rthz / math.sqrt(2.0 * step_s)
         # Half of |H|^4 of a section of quality Q is reached sqrt(sqrt(2) - 1) of its own half width away.
         quality = math.sqrt(math.sqrt(2.0) - 1.0) * settings.bump_frequency_hz / settings.bump_width_hz
-        b, a = iirpeak(settings.bump_frequency_hz, quality, fs=1.0 / step_s)
-        self._sections = np.array([[*b, *a], [*b, *a]])
-        self._state = np.zeros((2, 2, 3))
+        angle = 2.0 * math.pi * settings.bump_frequency_hz * step_s
+        # By the bilinear transform; of gain 1 at the peak.
+        share = 1.0 / (1.0 + math.tan(0.5 * angle / quality))
+        b, a = (1.0 - share) * np.array([1.0, 0.0, -1.0]), [1.0, -2.0 * share * math.cos(angle), 2.0 * share - 1.0]
+        self._sections = [SecondOrderSection(b, np.array(a), 3) for _ in range(2)]
         if self._bump_rms > 0.0:
             ring_down_s = quality / (math.pi * settings.bump_frequency_hz)
             # Run in for ten ring-downs, to be stationary from the first row on.
@@ -53,5 +55,5 @@ class GroundNoise:
 
     def _shaped(self, white: FloatArray) -> FloatArray:
         """The bump, from white noise of unit variance, (rows, 3)."""
-        shaped, self._state = sosfilt(self._sections, self._bump_rms * white, axis=0, zi=self._state)
-        return np.asarray(shaped, dtype=np.float64)
+        once, twice = self._sections
+        return twice.filtered(once.filtered(self._bump_rms * white))

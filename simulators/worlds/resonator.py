@@ -7,9 +7,9 @@ import math
 from typing import Protocol
 
 import numpy as np
-from scipy.signal import lfilter
 
 from rigctl.core.arrays import ComplexArray, FloatArray
+from simulators.worlds.recursion import first_order
 
 
 class Response(Protocol):
@@ -65,9 +65,9 @@ class _Pole:
         start = np.concatenate([[self._force], end[:-1]])
         at_start, at_middle, at_end = self._weights
         driven = at_start * start + at_middle * middle + at_end * end
-        states, _ = lfilter([1.0], [1.0, -self._decay], driven, zi=[self._decay * self._state])
+        states = first_order(self._decay, driven, self._state)
         self._force, self._state = float(end[-1]), complex(states[-1])
-        return np.asarray(states, dtype=np.complex128)
+        return states
 
 
 class Resonator(_Pole):
