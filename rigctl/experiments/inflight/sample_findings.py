@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.residual_samples import STRETCH_S, THRESHOLD_SIGMA, RunScan, steadiness
@@ -38,7 +38,7 @@ def pulses_in(scans: Sequence[RunScan]) -> Line | None:
 def _chance_of_pulses(scans: Sequence[RunScan], sigmas: FloatArray) -> float:
     """How likely noise makes the k largest pulses as large as they are, for the k of which that is least likely."""
     expected = [sum(each.pulses.by_chance(sigma) for each in scans) for sigma in sigmas.tolist()]
-    p_values = stats.poisson.sf(np.arange(len(sigmas)), expected)
+    p_values = special.pdtrc(np.arange(len(sigmas)), expected)
     return float(min(1.0, len(sigmas) * np.min(p_values)))
 
 

@@ -14,6 +14,7 @@ from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.model import residual_samples
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.model.residual_samples import steadiness
+from rigctl.experiments.inflight.observe.detection import density_of
 from rigctl.experiments.inflight.observe.grid import Grid
 from rigctl.experiments.inflight.result.budget import calibration_budget, refitted
 from rigctl.experiments.inflight.result.result import calibration, systematic
@@ -413,7 +414,8 @@ def test_noise_makes_as_many_large_pulses_as_is_said(monkeypatch: pytest.MonkeyP
     grid = Grid(t_s, {}, np.ones(len(t_s), dtype=bool))
     for _ in range(16):
         noise = rng.standard_normal(len(t_s))
-        pulses = residual_samples._pulses(noise, grid, *residual_samples._density(noise, grid.present, 1.0 / step_s))
+        clear, density = residual_samples._Clear.of(grid), density_of(noise, grid.present, step_s)
+        pulses = residual_samples._pulses(noise, grid, clear, *density)
         found += len(pulses.at_s)
         expected += pulses.by_chance(4.5)
         normal += float(np.sum(2.0 * norm.sf(4.5) * pulses.trials))

@@ -61,6 +61,12 @@ class FlightRun:
         """Mean of both masses, (3, n)."""
         return np.asarray(self.measured.mean(axis=0))
 
+    @cached_property
+    def along_x_about_levels(self) -> FloatArray:
+        """What both masses measure along x, about its means, (2, n); zero where samples are missing."""
+        along = self.measured[:, 0]
+        return np.asarray(np.where(self.present, along - along[:, self.present].mean(axis=1, keepdims=True), 0.0))
+
     def column(self, name: str) -> FloatArray:
         """A column of the run, or of runs.csv, shape (n,)."""
         if name not in self.columns:
@@ -198,14 +204,16 @@ class Reducer:
                 f"{flight.signal.shape}"
             ) from None
         present = self._run.coarse.present
-        if not np.isfinite(added[..., present]).all():
+        if not (np.isfinite(added) | ~present).all():
             raise DataError(f"effect '{effect.id}' is no number in run {self._run.run_id}")
         series = _IN_SERIES[effect.on](flight, np.where(present, added, 0.0))
+        # Most effects act along one axis.
+        changed = {INDEX[name]: values for name, values in series.items() if values.any()}
+        together = np.array(list(changed.values())).reshape(len(changed), len(present))
         changes = []
         for where, rows in self._rows:
             table = np.zeros((len(rows) // 2, len(SERIES)), dtype=np.complex128)
-            for name, values in series.items():
-                table[:, INDEX[name]] = amplitudes(rows, values[where])
+            table[:, list(changed)] = amplitudes(rows, together[:, where].T)
             changes.append(table)
         return changes
 
@@ -231,8 +239,7 @@ def _in_measured(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
     level = added[:, 0, run.present].mean(axis=1)
     # The loop takes the level of what it holds away: without what is added the masses would work that much higher.
     higher = {"k2c_1": level[1], "k2c_2": level[0]}.get(run.session, level.mean())
-    for mass, output in enumerate(run.measured[:, 0]):
-        made[f"m{mass + 1}^2"] = 2.0 * higher * np.where(run.present, output - output[run.present].mean(), 0.0)
+    made["m1^2"], made["m2^2"] = 2.0 * higher * run.along_x_about_levels
     return made | {f"own {axis}": apart[i] for i, axis in enumerate("xyz")}
 
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage, signal, stats
+from scipy import ndimage, special
 
-from rigctl.core.arrays import BoolArray, FloatArray
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.experiments.inflight.model.equation import coefficients
 from rigctl.experiments.inflight.model.parameters import SHARED
+from rigctl.experiments.inflight.observe.detection import FALL_S, RISE_S, SPECTRUM_S, density_of, peaks_of
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of
-from rigctl.experiments.inflight.observe.pulses import FALL_S, RISE_S
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import AFTER_S, NEEDED, raw_series
 from rigctl.experiments.inflight.observe.waves import sum_of_lines, templates
@@ -32,8 +32,7 @@ _FEWEST_LEVELS = 20
 
 _CHUNK = 1 << 15
 _FITTED_S = 4.0
-_SPECTRUM_S = 1024.0
-# In bins of that spectrum (9 mHz): below are most lines of a session, and little of a pulse.
+# In bins of their spectrum (9 mHz): below are most lines of a session, and little of a pulse.
 _LOWEST_BINS = 9.0
 _NEAR_BINS = 60
 _HIGHEST = 0.45
@@ -63,7 +62,7 @@ class Pulses:
 
     def by_chance(self, sigma: float) -> float:
         """How many as large as that, of either sign, noise makes in the run."""
-        return float(np.sum(self.trials * 2.0 * stats.t.sf(sigma, self.dof)))
+        return float(np.sum(self.trials * 2.0 * special.stdtr(self.dof, -sigma)))
 
 
 @dataclass(frozen=True)
@@ -94,15 +93,15 @@ def scan(run: ReducedRun, samples: Mapping[str, FloatArray], values: FloatArray)
     grid = grid_of(run.run_id, {name: samples[name] for name in ("t_s", *NEEDED)})
     lines_hz = [run.session.frequency_of(line) for line in run.session.reduced_lines(grid.duration_s)]
     left = _without_lines(lines_hz, grid, residual(run, grid, values))
-    rate_hz = 1.0 / grid.step_s
     levels, at_s = _levels(left, grid)
-    f_hz, density = _density(left, grid.present, rate_hz)
-    pulses = [_pulses(left, grid, f_hz, density)]
+    f_hz, density = density_of(left, grid.present, grid.step_s)
+    clear = _Clear.of(grid)
+    pulses = [_pulses(left, grid, clear, f_hz, density)]
     for axis in "yz":
         beside = _without_lines(lines_hz, grid, across(grid, axis))
         # Where no noise is, rounding is none: a sensor is hardly better across its axis than along it.
-        noise = np.maximum(_density(beside, grid.present, rate_hz)[1], float(np.min(density)))
-        pulses.append(_pulses(beside, grid, f_hz, noise))
+        noise = np.maximum(density_of(beside, grid.present, grid.step_s)[1], float(np.min(density)))
+        pulses.append(_pulses(beside, grid, clear, f_hz, noise))
     return RunScan(run.run_id, _combined(pulses), _peak(run, left, grid), levels, at_s)
 
 
@@ -146,7 +145,7 @@ class Steadiness:
     def p_value(self) -> float:
         """How likely steady noise scatters so: neighbouring stretches are alike where the noise goes slowly."""
         # Von Neumann's ratio: for independent levels it is about N(1, 1/n).
-        return float(stats.norm.sf((1.0 - self.of_neighbours / self.scatter) * np.sqrt(self.count)))
+        return float(special.ndtr((self.of_neighbours / self.scatter - 1.0) * np.sqrt(self.count)))
 
 
 def steadiness(levels: Sequence[FloatArray]) -> Steadiness | None:
@@ -179,40 +178,44 @@ def _without_lines(lines_hz: Sequence[float], grid: Grid, left: FloatArray) -> F
     return np.where(grid.present, cleared, 0.0)
 
 
-def _density(left: FloatArray, present: BoolArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    length = min(round(_SPECTRUM_S * rate_hz), len(left))
-    share = max(float(np.mean(present)), 1e-3)
-    # A median over segments, which pulses do not lift.
-    f_hz, density = signal.welch(left, rate_hz, nperseg=length, average="median")
-    # Missing samples count as zeros: the power is that of the part that is there.
-    return f_hz, np.asarray(density / share)
+@dataclass(frozen=True)
+class _Clear:
+    """Of one run: how much each sample counts and where pulses are `seen`, clear of gaps and ends, (samples,); the
+    transform of a pulse in time, (bins,)."""
+
+    weight: FloatArray
+    seen: BoolArray
+    template: ComplexArray
+
+    @classmethod
+    def of(cls, grid: Grid) -> _Clear:
+        # Neither an abrupt edge nor what wraps around is a pulse.
+        weight = taper(grid.present, grid.step_s)
+        seen = ndimage.minimum_filter1d(weight, 2 * round(EDGE_S / grid.step_s) + 1, mode="constant") == 1.0
+        since_s = np.arange(round(_PULSE_S / grid.step_s)) * grid.step_s
+        shape = np.exp(-since_s / FALL_S) - np.exp(-since_s / RISE_S)
+        return cls(weight, seen, np.fft.rfft(shape, len(weight)))
 
 
-def _pulses(left: FloatArray, grid: Grid, f_hz: FloatArray, density: FloatArray) -> Pulses:
+def _pulses(left: FloatArray, grid: Grid, clear: _Clear, f_hz: FloatArray, density: FloatArray) -> Pulses:
     """By a filter matched to the pulse and the noise's spectrum."""
     count = len(left)
-    since_s = np.arange(round(_PULSE_S / grid.step_s)) * grid.step_s
-    shape = np.zeros(count)
-    shape[: len(since_s)] = np.exp(-since_s / FALL_S) - np.exp(-since_s / RISE_S)
     at_hz = np.fft.rfftfreq(count, grid.step_s)
     # Never much quieter than typical: dividing by a dip of the estimate would let it choose the pulse.
     noise = np.interp(at_hz, f_hz, np.maximum(density, 1e-3 * np.median(density)))
-    template = np.fft.rfft(shape)
-    share = np.conj(template) / noise
-    share[at_hz < _LOWEST_BINS / _SPECTRUM_S] = 0.0
+    share = np.conj(clear.template) / noise
+    share[at_hz < _LOWEST_BINS / SPECTRUM_S] = 0.0
     # sigma of the estimate: 1 / sqrt(4 sum |H|^2 / S df), H the transform of the pulse in time.
-    information = 4.0 * float(np.sum(np.real(share * template))) * grid.step_s / count
-    # Neither an abrupt edge nor what wraps around is a pulse.
-    weight = taper(grid.present, grid.step_s)
-    seen = ndimage.minimum_filter1d(weight, 2 * round(EDGE_S / grid.step_s) + 1, mode="constant") == 1.0
-    estimate = np.fft.irfft(np.fft.rfft(weight * left) * share, count)
+    information = 4.0 * float(np.sum(np.real(share * clear.template))) * grid.step_s / count
+    estimate = np.fft.irfft(np.fft.rfft(clear.weight * left) * share, count)
     estimate *= 2.0 * grid.step_s / information
     sigmas = estimate * np.sqrt(information)
     # Against the scatter about each place and not the mean spectrum: louder noise makes no pulses.
-    sigmas = np.where(seen, sigmas / _scale(sigmas, seen, round(_STEADY_S / grid.step_s)), 0.0)
+    scale = _scale(sigmas, clear.seen, round(_STEADY_S / grid.step_s))
+    sigmas = np.where(clear.seen, sigmas / scale, 0.0)
     apart = max(round(AFTER_S / grid.step_s), 1)
-    peaks, _ = signal.find_peaks(np.abs(sigmas), height=THRESHOLD_SIGMA, distance=apart)
-    band = np.abs(share * template)
+    peaks = peaks_of(np.abs(sigmas), THRESHOLD_SIGMA, apart)
+    band = np.abs(share * clear.template)
     width_hz = float(np.sum(band) ** 2 / np.sum(band**2)) / (count * grid.step_s)
     trials = np.array([2.0 * width_hz * grid.duration_s])
     dof = np.array([width_hz * min(_STEADY_S, grid.duration_s) / _OF_A_MEDIAN])

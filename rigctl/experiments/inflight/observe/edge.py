@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
 from rigctl.core.arrays import FloatArray
 
@@ -47,7 +47,7 @@ def fast_noise(rows: FloatArray, columns: Mapping[str, FloatArray], step_s: floa
 def _density(columns: Mapping[str, FloatArray], count: int, segments: int, step_s: float) -> FloatArray:
     """One-sided cross-spectra of `FAST`, real part, by segments; shape (count // 2 + 1, 4, 4)."""
     # Side lobes of 1e-15 in power: stimuli are 1e4 times the noise, and in one bin.
-    window = signal.windows.kaiser(count, _KAISER_BETA)
+    window = np.kaiser(count, _KAISER_BETA)
     density = np.zeros((count // 2 + 1, len(FAST), len(FAST)))
     for start in range(0, segments * count, count):
         here = {name: column[start : start + count] for name, column in columns.items()}

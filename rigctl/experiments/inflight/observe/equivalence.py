@@ -16,7 +16,6 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.grid import grid_of
-from rigctl.experiments.inflight.observe.pulses import pulses_of
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, covered, raw_series
 from rigctl.experiments.inflight.observe.sessions import Session, session_of
 from rigctl.experiments.inflight.observe.waves import templates
@@ -92,6 +91,8 @@ def reduce_test(
     present = grid.present & np.all([np.isfinite(grid.columns[name]) for name in GRAVITY], axis=0)
     if np.count_nonzero(taper(present, grid.step_s)) < FEWEST_SAMPLES * len(present):
         raise DataError(f"run {run_id}: {100.0 * np.mean(present):.0f} % of the samples are there, too few")
+    from rigctl.experiments.inflight.observe.pulses import pulses_of  # scipy.signal, which no calibration needs
+
     pulses_s = pulses_of(grid, [session.orbital_hz + session.spin_hz, *known_lines(session, grid.duration_s)])
     present &= ~covered(grid.t_s, pulses_s)
     sums = TestSums(session, grid.t_s, taper(present, grid.step_s), 1)

@@ -11,12 +11,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
-from rigctl.core.arrays import ComplexArray, FloatArray, IntArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.observe.waves import inverse_of, templates
 
 DROPPED_S = 200.0
@@ -55,16 +55,27 @@ class BandPass:
 
 def band_pass(lowest_hz: float, highest_hz: float, sample_rate_hz: float) -> BandPass:
     """Second-order Butterworth high-pass at half the lowest frequency, low-pass at twice the highest."""
-    zeros, poles, gain = signal.butter(2, 0.5 * lowest_hz, "highpass", fs=sample_rate_hz, output="zpk")
+    zeros, poles, gain = _butterworth(0.5 * lowest_hz, sample_rate_hz, "high")
     # At so high a corner a digital low-pass has nothing left to take away.
     if 2.0 * highest_hz < 0.45 * sample_rate_hz:
-        low = signal.butter(2, 2.0 * highest_hz, "lowpass", fs=sample_rate_hz, output="zpk")
+        low = _butterworth(2.0 * highest_hz, sample_rate_hz, "low")
         zeros, poles, gain = np.concatenate([zeros, low[0]]), np.concatenate([poles, low[1]]), gain * low[2]
     above = poles[poles.imag > 0.0]
     poles = np.concatenate([above, above.conj()])
     others = [np.prod(pole - np.delete(poles, place)) for place, pole in enumerate(poles)]
     residues = gain * np.prod(poles[:, None] - zeros, axis=1) / (poles * np.array(others))
     return BandPass(np.log(poles), residues, complex(gain - residues.sum()))
+
+
+def _butterworth(
+    corner_hz: float, sample_rate_hz: float, passes: Literal["high", "low"]
+) -> tuple[FloatArray, ComplexArray, float]:
+    """Zeros, poles and gain of second order, as `scipy.signal.butter`, whose import takes longer than a session."""
+    # By the bilinear transform, warped so that the corner stays where it is.
+    s = math.tan(math.pi * corner_hz / sample_rate_hz) * np.exp(0.75j * np.pi * np.array([1.0, -1.0]))
+    high = passes == "high"
+    gain = np.prod((1.0 if high else -s) / (1.0 - s)).real
+    return np.full(2, 1.0 if high else -1.0), np.asarray((1.0 + s) / (1.0 - s)), float(gain)
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,10 @@ class PublishedWeights:
 
     def rows(self, which: slice = slice(None)) -> FloatArray:
         """The weights of all samples, all rows of them or some."""
-        return np.hstack([self._piece(which, start, stop) for start, stop in self._pieces()])
+        rows = np.empty((len(self.level[which]), self.count))
+        for start, stop in self._pieces():
+            rows[:, start:stop] = self._piece(which, start, stop)
+        return rows
 
     def squares(self) -> FloatArray:
         """Sums of each row's squares, (2 lines,)."""
@@ -107,17 +121,23 @@ class PublishedWeights:
                 yield start, min(start + _AT_ONCE, end)
 
     def _piece(self, which: slice, start: int, stop: int) -> FloatArray:
-        at = np.arange(start, stop)
-        made = np.repeat(-self.level[which, None], stop - start, axis=1)
+        size = stop - start
         if start < self.dropped:
-            return made + self.early[which] @ self._decay(self.dropped - 1 - at)
-        t_s = np.float64(self.first_s) + np.float64(self.step_s) * at
-        made += self.on_waves[which] @ templates(t_s, self.lines_hz)
-        made += self.late[which] @ self._decay(at)
-        return made + self.back[which] @ self._decay(self.count - 1 - at)
+            made = self.early[which] @ self._decays(self.dropped - stop, size)[:, ::-1]
+        else:
+            t_s = np.float64(self.first_s) + np.float64(self.step_s) * np.arange(start, stop)
+            made = self.on_waves[which] @ templates(t_s, self.lines_hz)
+            made += self.late[which] @ self._decays(start, size)
+            made += self.back[which] @ self._decays(self.count - stop, size)[:, ::-1]
+        made -= self.level[which, None]
+        return np.asarray(made)
 
-    def _decay(self, ages: IntArray) -> FloatArray:
-        return on_parts(np.exp(self.log_poles[:, None] * ages))
+    def _decays(self, youngest: int, size: int) -> FloatArray:
+        """From an age on; as in `templates`, of a block and within it."""
+        within = math.isqrt(size) + 1
+        blocks = np.exp(self.log_poles[:, None] * np.arange(youngest, youngest + size, within))
+        ages = np.exp(self.log_poles[:, None] * np.arange(within))
+        return on_parts((blocks[:, :, None] * ages[:, None]).reshape(len(blocks), -1)[:, :size])
 
 
 def on_parts(values: ComplexArray) -> FloatArray:

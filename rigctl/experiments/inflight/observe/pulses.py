@@ -18,12 +18,10 @@ import numpy as np
 from scipy import linalg, signal
 
 from rigctl.core.arrays import BoolArray, FloatArray
+from rigctl.experiments.inflight.observe.detection import FALL_S, RISE_S, density_of, peaks_of
 from rigctl.experiments.inflight.observe.grid import Grid, bell, thinned
 from rigctl.experiments.inflight.observe.series import AFTER_S, covered
 from rigctl.experiments.inflight.observe.waves import templates
-
-# Of crackling in orbit: e^(-t / 3 s) - e^(-t / 1 s).
-RISE_S, FALL_S = 1.0, 3.0
 
 FALSE_PER_DAY = 0.3
 """So many pulses are found by chance where none is: each costs 33 s and the edges of a gap."""
@@ -38,7 +36,6 @@ _PULSE_S = 60.0
 _EARLY = 4
 """Averages before a pulse begins in which there is something of it."""
 
-_SPECTRUM_S = 1024.0
 _MEMORY_S = 240.0
 """How far the noise's inverse covariance reaches: its spectrum is smooth over the inverse of that."""
 
@@ -109,7 +106,7 @@ def _cleared(thin: Grid, used: BoolArray, left: FloatArray, lines_hz: Sequence[f
 
 def _matched(left: FloatArray, used: BoolArray, thin: Grid, step_s: float) -> list[float]:
     """Where a filter matched to the pulse and to the noise finds more than noise makes."""
-    f_hz, density = _density(left, used, thin.step_s)
+    f_hz, density = density_of(left, used, thin.step_s)
     # What is beyond the ends is missing, like any gap.
     ends = round(_PULSE_S / thin.step_s)
     left, used = np.pad(left, ends), np.pad(used, ends)
@@ -121,16 +118,9 @@ def _matched(left: FloatArray, used: BoolArray, thin: Grid, step_s: float) -> li
     scale = _scatter(output, used, round(_STEADY_S / thin.step_s))
     sigmas = (np.abs(output) / scale)[ends:-ends]
     threshold = _threshold(f_hz, np.abs(np.fft.rfft(shape, 2 * (len(f_hz) - 1))) ** 2 / noise)
-    peaks, _ = signal.find_peaks(sigmas, height=threshold, distance=round(_APART_S / thin.step_s))
+    peaks = peaks_of(sigmas, threshold, round(_APART_S / thin.step_s))
     at_s = thin.t_s[peaks] + thin.step_s * _beside(*(sigmas[peaks + k] for k in (-1, 0, 1)))
     return [float(each) for each in at_s]
-
-
-def _density(left: FloatArray, used: BoolArray, step_s: float) -> tuple[FloatArray, FloatArray]:
-    """One-sided density by a median over segments, to which pulses not found yet do less than to a mean."""
-    length = min(round(_SPECTRUM_S / step_s), len(left))
-    f_hz, density = signal.welch(left, 1.0 / step_s, nperseg=length, average="median")
-    return f_hz, np.asarray(density / max(float(np.mean(used)), 1e-3))
 
 
 def _noise(f_hz: FloatArray, density: FloatArray) -> FloatArray:
