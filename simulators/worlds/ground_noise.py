@@ -56,4 +56,4 @@ class GroundNoise:
     def _shaped(self, white: FloatArray) -> FloatArray:
         """The bump, from white noise of unit variance, (rows, 3)."""
         once, twice = self._sections
-        return twice.filtered(once.filtered(self._bump_rms * white))
+        return twice.filtered(once.filtered(np.ascontiguousarray(self._bump_rms * white.T))).T
