@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from procedures.sensing_axis.bench import Bench
+from rigctl.analysis.periodograms import periodograms
 from rigctl.campaign.session.session import Session
-from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import ProcedureError
+from rigctl.core.arrays import BoolArray, FloatArray
+from rigctl.core.errors import ConfigError, ProcedureError
 
 NOISE_CHECK = "noise check"
 """The key of its densities."""
 
 SAMPLE_RATE_HZ = 20.0
 SEGMENT_S = 40.0
-"""Length of the stretches whose spectra are averaged."""
+"""Length of the stretches whose spectra are averaged; longer for slow drives."""
+
+_SIDE = 2.0 ** (1.0 / 6.0)
+"""A third of an octave in all, half of it to either side."""
 
 
 def check_noise(
@@ -49,15 +54,37 @@ def check_noise(
     return float(worst_m_s2_rthz)
 
 
+def require_seen(frequencies_hz: Sequence[float], duration_s: float) -> None:
+    """`ConfigError` when a check of this length has nothing to say of the noise at one of the drive's frequencies."""
+    for frequency_hz in frequencies_hz:
+        stretch = _stretch(frequency_hz, max(round(duration_s * SAMPLE_RATE_HZ), 1))
+        if _near(np.asarray(np.fft.rfftfreq(stretch, 1.0 / SAMPLE_RATE_HZ)), frequency_hz).any():
+            continue
+        longer = f"take {math.ceil(_least_s(frequency_hz))} s or longer, or "
+        raise ConfigError(
+            f"procedure.noise_check_s: {duration_s:g} s at {SAMPLE_RATE_HZ:g} samples/s do not show the noise at "
+            f"{frequency_hz:g} Hz; {longer if frequency_hz * _SIDE < 0.5 * SAMPLE_RATE_HZ else ''}0 for no check"
+        )
+
+
 def _density_v_rthz(volts: FloatArray, frequency_hz: float) -> float:
     """One-sided amplitude spectral density near a frequency: Welch's estimate over a third of an octave [V/rtHz]."""
-    from scipy.signal import welch
+    seen_hz, psd = periodograms(volts, 1.0 / SAMPLE_RATE_HZ, _stretch(frequency_hz, len(volts)))
+    return float(np.sqrt(np.mean(psd[:, _near(seen_hz, frequency_hz)])))
 
-    segment = min(len(volts), int(SEGMENT_S * SAMPLE_RATE_HZ))
-    frequencies, psd = welch(volts, fs=SAMPLE_RATE_HZ, nperseg=segment, detrend="constant")
-    # A third of an octave in all, half of it to either side.
-    near = np.abs(np.log2(np.maximum(frequencies, 1e-9) / frequency_hz)) <= 1.0 / 6.0
-    return float(np.sqrt(np.mean(psd[near])))
+
+def _stretch(frequency_hz: float, samples: int) -> int:
+    """How many samples have their spectrum taken at once."""
+    return min(samples, math.ceil(max(SEGMENT_S, _least_s(frequency_hz)) * SAMPLE_RATE_HZ))
+
+
+def _least_s(frequency_hz: float) -> float:
+    """Of a stretch that has a frequency of its spectrum within a third of an octave of this one."""
+    return 1.0 / (frequency_hz * (_SIDE - 1.0 / _SIDE))
+
+
+def _near(seen_hz: FloatArray, frequency_hz: float) -> BoolArray:
+    return np.asarray((seen_hz >= frequency_hz / _SIDE) & (seen_hz <= frequency_hz * _SIDE))
 
 
 def _record(session: Session, bench: Bench, duration_s: float) -> FloatArray:

@@ -17,7 +17,7 @@ from procedures.sensing_axis import scan
 from procedures.sensing_axis.bench import Bench, SetPoint
 from procedures.sensing_axis.forecast import theta0_sigma_arcsec
 from procedures.sensing_axis.mounting import Fixture, Mounting, MountingLostError, Seated
-from procedures.sensing_axis.noise_check import NOISE_CHECK, check_noise
+from procedures.sensing_axis.noise_check import NOISE_CHECK, check_noise, require_seen
 from procedures.sensing_axis.null_search import NullSearch, NullSearchSettings, expected_dwells_s
 from procedures.sensing_axis.quick_check import DWELL_S, quick_check, reversal_points
 from procedures.sensing_axis.tables import Procedure, Targets
@@ -154,6 +154,8 @@ class Plan(campaigns.Plan):
         # It refuses a target that no search of allowed length reaches.
         if procedure.name in NULL_SEARCHES:
             expected_dwells_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
+            if procedure.noise_check_s > 0.0:
+                require_seen(procedure.frequencies_hz, procedure.noise_check_s)
 
     def _check_scan(self, bench: Bench) -> None:
         for i, run in enumerate(self.procedure.runs):
