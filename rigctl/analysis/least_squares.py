@@ -238,7 +238,7 @@ class _Problem:
         with np.errstate(over="ignore"):
             at_limit = self._pushed_to_limit(p, J.T @ r)
         active = np.flatnonzero(self.free & ~at_limit)
-        columns = J[:, active]
+        columns = J if active.size == p.size else J.take(active, axis=1)
         norms = _lengths(columns)
         # Columns of unit length: the rank then depends on how alike columns are and not on the parameters' units.
         scale = np.where(norms > 0.0, norms, 1.0)
@@ -272,9 +272,11 @@ class _Problem:
 
     def _derivative(self, p: FloatArray, r: FloatArray) -> FloatArray:
         data = r.size - len(self.with_prior)
-        J = np.zeros((r.size, p.size))
-        J[:data] = self._jacobian(p)
-        J[np.arange(data, r.size), self.with_prior] = -1.0 / self.prior_sigma
+        J: FloatArray = np.asarray(self._jacobian(p), dtype=np.float64)
+        if self.with_prior:
+            below = np.zeros((r.size - data, p.size), order="F")
+            below[np.arange(r.size - data), self.with_prior] = -1.0 / self.prior_sigma
+            J = np.concatenate([J, below])
         if not np.isfinite(J).all():
             bad = self.names[int(np.flatnonzero(~np.isfinite(J).all(axis=0))[0])]
             raise ProcedureError(f"the derivative with respect to {bad} is not finite: check its start")

@@ -74,7 +74,8 @@ class SensingAxisModel:
     def slopes(self, model: RecordingModel, values: FloatArray, owners: Sequence[str] | None = None) -> FloatArray:
         """Derivatives of these data for any model of these runs, in SI; shape (n, its parameters)."""
         derivatives = model.jacobian(values, observed, owners=owners)
-        return derivatives.reshape(*self._data.present.shape, -1)[self._data.present]
+        # As they are in memory, which an index in brackets does not keep.
+        return np.asarray(derivatives.T.compress(self._data.present.ravel(), axis=1).T)
 
     def si(self, values: FloatArray) -> FloatArray:
         """Parameter values in SI and radians."""

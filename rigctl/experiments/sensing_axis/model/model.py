@@ -142,20 +142,21 @@ class RecordingModel:
         *,
         owners: Collection[str] | None = None,
     ) -> FloatArray:
-        """Derivatives of `observe(prediction)`, which has one row per run; shape (rows * columns, parameters).
+        """Derivatives of `observe(prediction)`, which has one row per run; shape (rows * columns, parameters), each
+        parameter's contiguous in memory.
 
         One pair of predictions per family: the parameters of a family touch different runs. With `owners` only
         the columns of these effects are worked out, the rest is zero.
         """
         here = self._here(values)
         width = observe(self._chain.predict(here.given, stages=here.stages)).shape[1]
-        slopes = np.zeros((len(self.runs), width, len(self.parameters)))
+        slopes = np.zeros((len(self.parameters), len(self.runs), width))
         rows = np.arange(len(self.runs))
         for family, upper, lower in self._stepped(here.given, here.stages, owners):
             # Of a run only its own member of the family moved: its row is that member's derivative.
             step = self._steps[family.columns][:, None]
-            slopes[rows, :, family.columns] = (observe(upper) - observe(lower)) / (2.0 * step)
-        return slopes.reshape(-1, len(self.parameters))
+            slopes[family.columns, rows] = (observe(upper) - observe(lower)) / (2.0 * step)
+        return slopes.reshape(len(self.parameters), -1).T
 
     def _stepped(
         self, given: Mapping[str, FloatArray], stages: Stages, owners: Collection[str] | None
