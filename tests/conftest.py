@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import json
 import os
@@ -26,6 +27,9 @@ from rigctl.core.errors import DataError
 # An example on a busy machine takes as long as it takes: no wall clock in a test.
 hypothesis.settings.register_profile("unhurried", deadline=None)
 hypothesis.settings.load_profile("unhurried")
+
+# What tests make is mostly kept until they end: collected as often as by default, it is looked through for nothing.
+gc.set_threshold(20_000, 20, 50)
 
 # Whatever the terminal of whoever tests; pytest-xdist gives its workers the same.
 os.environ["COLUMNS"] = "80"
