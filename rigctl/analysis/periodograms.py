@@ -1,6 +1,6 @@
 """One-sided densities of half-overlapping stretches of a record, whose mean is Welch's estimate.
 
-Not `scipy.signal`, whose import takes longer than a record of an hour.
+Not by `scipy.signal`, whose import takes longer than the spectra of an hour's record.
 """
 
 from __future__ import annotations

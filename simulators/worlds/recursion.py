@@ -1,6 +1,6 @@
 """Linear recursions over many steps, solved as the banded triangular systems that they are.
 
-Not by `scipy.signal`, whose import takes longer than all else that a simulated bench needs to start.
+Not by `scipy.signal`, whose import takes as long as all others of a simulated campaign.
 """
 
 from __future__ import annotations

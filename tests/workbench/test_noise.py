@@ -304,6 +304,11 @@ def test_known_sigmas_stay_but_for_what_their_few_degrees_of_freedom_add() -> No
     np.testing.assert_allclose(noise.dof, 10.0)
 
 
+def test_a_column_that_is_no_number_is_in_no_basis() -> None:
+    columns = np.array([[1.0, np.nan], [2.0, 3.0], [0.0, 1.0]])
+    np.testing.assert_allclose(orthonormal(columns, 1e-9), orthonormal(columns[:, :1], 1e-9))
+
+
 def test_an_orthonormal_basis_has_the_rank_of_its_columns_whatever_their_units() -> None:
     columns = np.random.default_rng(1).standard_normal((20, 3)) * np.array([1e-9, 1.0, 1e9])
     basis = orthonormal(np.hstack([columns, columns[:, :1] * 7.0, np.zeros((20, 1))]), 1e-9)

@@ -122,7 +122,8 @@ class Noise:
 def orthonormal(columns: FloatArray, tolerance: float) -> FloatArray:
     """Orthonormal basis of the span of columns, those scaled to unit length first; shape (n, rank)."""
     norms = np.linalg.norm(columns, axis=0)
-    used = columns / norms if norms.all() else columns[:, norms > 0.0] / norms[norms > 0.0]
+    there = norms > 0.0
+    used = columns / norms if there.all() else columns[:, there] / norms[there]
     if not used.shape[1]:
         return np.zeros((len(columns), 0))
     if (basis := basis_by_gram(used)) is not None:

@@ -121,7 +121,7 @@ def thinned(grid: Grid, thinned_step_s: float = THINNED_S) -> Grid:
 def _averages(kernel: FloatArray, column: FloatArray, every: int) -> FloatArray:
     """The column under the kernel, once `every` samples; zero is beyond its ends.
 
-    As `scipy.signal.upfirdn`, whose import takes longer than an import of samples.
+    As `scipy.signal.upfirdn`, whose import takes longer than all sessions of a calibration are thinned in.
     """
     pieces = -(-len(kernel) // every)
     # A piece for each block of samples that the kernel reaches back to, in the order of the samples.

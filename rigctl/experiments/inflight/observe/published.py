@@ -70,7 +70,10 @@ def band_pass(lowest_hz: float, highest_hz: float, sample_rate_hz: float) -> Ban
 def _butterworth(
     corner_hz: float, sample_rate_hz: float, passes: Literal["high", "low"]
 ) -> tuple[FloatArray, ComplexArray, float]:
-    """Zeros, poles and gain of second order, as `scipy.signal.butter`, whose import takes longer than a session."""
+    """Zeros, poles and gain of second order, as by `scipy.signal.butter`.
+
+    Its import takes longer than reducing a session.
+    """
     # By the bilinear transform, warped so that the corner stays where it is.
     s = math.tan(math.pi * corner_hz / sample_rate_hz) * np.exp(0.75j * np.pi * np.array([1.0, -1.0]))
     high = passes == "high"
