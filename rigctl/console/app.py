@@ -10,6 +10,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from rigctl.campaign.session.requests import is_running
 from rigctl.console import messages as say
 from rigctl.console import state
 from rigctl.console.place import kind_of
@@ -308,7 +309,8 @@ class Console(Shell):
         from rigctl.console.widgets.dialogs import ConfirmDialog  # after the first paint
 
         view, told = self._view, []
-        if view is not None and view.alive:
+        # Asked of the store anew: what is on the screen may be of a moment ago.
+        if view is not None and is_running(view.path):
             told.append(
                 f"A campaign runs ({view.path}). It goes on without the console; "
                 f"`rigctl console {view.path}` attaches to it again."
