@@ -10,7 +10,6 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from rigctl.campaign.session.requests import is_running
 from rigctl.console import messages as say
 from rigctl.console import state
 from rigctl.console.place import kind_of
@@ -306,7 +305,8 @@ class Console(Shell):
 
     def action_leave(self) -> None:
         """Quit; a campaign goes on."""
-        from rigctl.console.widgets.dialogs import ConfirmDialog  # after the first paint
+        from rigctl.campaign.session.requests import is_running  # after the first paint
+        from rigctl.console.widgets.dialogs import ConfirmDialog
 
         view, told = self._view, []
         # Asked of the store anew: what is on the screen may be of a moment ago.
