@@ -14,7 +14,7 @@ from rigctl.analysis.least_squares import Parameter, Prior
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import RigError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.chain import Runs, harmonics, referred
+from rigctl.experiments.sensing_axis.model.chain import Runs, amplitudes
 from rigctl.experiments.sensing_axis.model.components import Stacked, observed
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.model.parameters import family_of
@@ -189,16 +189,18 @@ def _taken_up(effect: Effect, model: RecordingModel) -> str | None:
     for head in model.reach(effect) or model.heads:
         if any(reading.clock is None for run in model.runs if (reading := run.lasers_m.get(head))):
             return None
-        added = np.abs(_parts_of(referred(harmonics(effect(model.at_head(head), **effect.typical), HARMONICS))))
+        run = model.at_head(head)
+        of_period = np.broadcast_to(effect(run, **effect.typical), run.x.shape)
+        added = np.abs(_parts_of(amplitudes(of_period, HARMONICS)))
         if (added[..., 1:] > _TAKEN_UP * added[..., :1]).any():
             return None
     return "it only delays heads on clocks of their own, whose offsets are fitted in every run"
 
 
-def _parts_of(amplitudes: ComplexArray) -> FloatArray:
+def _parts_of(harmonics: ComplexArray) -> FloatArray:
     """The fundamental's quadrature, then all other parts but the mean."""
-    rest = amplitudes[..., 2:]
-    return np.concatenate([amplitudes[..., 1:2].imag, amplitudes[..., 1:2].real, rest.real, rest.imag], axis=-1)
+    rest = harmonics[..., 2:]
+    return np.concatenate([harmonics[..., 1:2].imag, harmonics[..., 1:2].real, rest.real, rest.imag], axis=-1)
 
 
 def _flaw(effect: Effect, model: RecordingModel) -> str | None:

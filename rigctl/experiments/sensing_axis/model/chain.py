@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -130,16 +131,19 @@ def periodic_motion(
     return phase[None, :] / omega, x, v, a
 
 
-def harmonics(signal: FloatArray, count: int) -> ComplexArray:
-    """Amplitudes c_0 .. c_count of periodic signals on the grid: signal = c_0 + Re sum_h c_h exp(i h w t)."""
-    spectrum: ComplexArray = np.fft.rfft(signal, axis=-1)[..., : count + 1] / signal.shape[-1]
+def amplitudes(signal: FloatArray, count: int) -> ComplexArray:
+    """Amplitudes c_0 .. c_count of periodic signals on the grid, (runs, count + 1), referred to the displacement as
+    `sine_fit.referred_to` does: signal = c_0 + Re sum_h (-i)^h c_h exp(i h w t), for x = A sin(w t)."""
+    # A product with a few waves takes a tenth to a fifth of the time of a transform with all of them.
+    return np.asarray(signal @ _waves(signal.shape[-1], count)).view(np.complex128)
+
+
+@cache
+def _waves(points: int, count: int) -> FloatArray:
+    """What a period is multiplied by, (points, 2 (count + 1)): for each amplitude its real and its imaginary part."""
+    order = np.arange(count + 1)
+    waves = np.exp(-2j * np.pi * np.outer(np.arange(points), order) / points) / points
     # A real signal has half of each amplitude at the negative frequency.
-    spectrum[..., 1:] *= 2.0
-    return spectrum
-
-
-def referred(amplitudes: ComplexArray) -> ComplexArray:
-    """Amplitudes on the grid, where x = A sin(w t), referred to the displacement as `sine_fit.referred_to` does."""
-    order = np.arange(amplitudes.shape[-1])
+    waves[:, 1:] *= 2.0
     # A sine is the cosine a quarter period late: -i at the drive, (-i)^h at harmonic h.
-    return amplitudes * 1j**order
+    return np.asarray(np.ascontiguousarray(waves * 1j**order).view(np.float64))

@@ -13,7 +13,7 @@ import numpy as np
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import RigError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.chain import Runs, harmonics, referred
+from rigctl.experiments.sensing_axis.model.chain import Runs, amplitudes
 from rigctl.experiments.sensing_axis.model.geometry import X_LAB, components, lab_from_cube_mount
 from rigctl.experiments.sensing_axis.model.parameters import family_of, scale_of
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS
@@ -145,7 +145,7 @@ class Chain:
         # The level is static: effects behind this point (gain drifts) act on it too.
         ideal = stages.at("volts", (gain, force, level), lambda: gain * force + level)
         volts = self._passed("sensor_output_v", run, given, ideal, stages)
-        return stages.at("accel_v", (volts,), lambda: referred(harmonics(volts, HARMONICS)))
+        return stages.at("accel_v", (volts,), lambda: amplitudes(volts, HARMONICS))
 
     def _lasers(self, run: Runs, given: Mapping[str, FloatArray], stages: Stages) -> ComplexArray:
         turns = given["delta_x"], given["delta_y"], given["delta_z"]
@@ -167,7 +167,7 @@ class Chain:
         if (scale := given.get(scale_of(head))) is not None:
             scaled = stages.at(f"scaled {head}", (seen.signal, scale), lambda: seen.signal * (1.0 + scale))
         reading = self._passed("laser_m", seen, given, scaled, stages)
-        return stages.at(f"read {head}", (reading,), lambda: referred(harmonics(reading, HARMONICS)))
+        return stages.at(f"read {head}", (reading,), lambda: amplitudes(reading, HARMONICS))
 
     def _seen(self, head: str, rotation: FloatArray, run: Runs, stages: Stages) -> Runs:
         """The runs as one head sees them: `signal` is the motion along the face's normal n over c . n."""

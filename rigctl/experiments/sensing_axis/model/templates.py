@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
-from rigctl.experiments.sensing_axis.model.chain import GRID_POINTS, harmonics, referred
+from rigctl.experiments.sensing_axis.model.chain import GRID_POINTS, amplitudes
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, RunObservables
 from rigctl.workbench.study import OF_SIGNAL, SIGNAL
 
@@ -83,7 +83,7 @@ def _force(runs: Sequence[RunObservables]) -> FloatArray:
 def _cubed(signal: ComplexArray, force: FloatArray) -> ComplexArray:
     """Harmonics of the cube of a sine of unit amplitude, times the signal and the square of the force."""
     phase = 2.0 * np.pi * np.arange(GRID_POINTS) / GRID_POINTS
-    cube = referred(harmonics(np.sin(phase)[None, :] ** 3, HARMONICS))[:, 1:]
+    cube = amplitudes(np.sin(phase)[None, :] ** 3, HARMONICS)[:, 1:]
     return np.asarray(signal[:, :1].real * force[:, None] ** 2 * cube)
 
 
