@@ -106,22 +106,23 @@ class Triangle:
         return float(np.sum((left.T @ projected)[: self.rank] ** 2 * (2.0 * share - share**2)))
 
 
-def triangle_of(unit: FloatArray, r: FloatArray, rcond: float) -> tuple[Triangle, FloatArray]:
-    """R and Q' r of `unit` = Q R, columns (n, m) of unit length; `r` (n,)."""
-    if (by_gram := _by_gram(unit)) is not None:
+def triangle_of(columns: FloatArray, scale: FloatArray, r: FloatArray, rcond: float) -> tuple[Triangle, FloatArray]:
+    """R and Q' r of `columns` / `scale` = Q R, columns (n, m) of unit length; `r` (n,)."""
+    if (by_gram := _by_gram(columns, scale)) is not None:
         triangle, inverse = by_gram
-        return triangle, inverse.T @ (unit.T @ r)
+        return triangle, inverse.T @ ((columns.T @ r) / scale)
     # The residuals go along as one more column: Q^T r comes out of it, and Q need not be formed.
-    count = min(unit.shape)
-    whole: FloatArray = np.linalg.qr(np.column_stack([unit, r]), mode="r")  # type: ignore[assignment]
+    count = min(columns.shape)
+    whole: FloatArray = np.linalg.qr(np.column_stack([columns / scale, r]), mode="r")  # type: ignore[assignment]
     return Triangle(whole[:count, :-1], rcond), whole[:count, -1]
 
 
-def _by_gram(unit: FloatArray) -> tuple[Triangle, FloatArray] | None:
+def _by_gram(columns: FloatArray, scale: FloatArray) -> tuple[Triangle, FloatArray] | None:
     """R of large matrices, and its inverse, from their Gram matrix; None where that is not accurate, or no faster."""
-    if unit.size >= MANY_NUMBERS and unit.shape[1] <= unit.shape[0]:
-        with suppress(np.linalg.LinAlgError):
-            triangle = Triangle(np.asarray(np.linalg.cholesky(unit.T @ unit).T), 1.0 / _WELL_CONDITIONED)
+    if columns.size >= MANY_NUMBERS and columns.shape[1] <= columns.shape[0]:
+        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+            gram = (columns.T @ columns) / np.outer(scale, scale)
+            triangle = Triangle(np.asarray(np.linalg.cholesky(gram).T), 1.0 / _WELL_CONDITIONED)
             if triangle.certain_inverse is not None:
                 return triangle, triangle.certain_inverse
     return None
@@ -131,15 +132,15 @@ VERY_MANY_NUMBERS = 500_000
 """From here on the Gram matrix, used twice, takes half of the time of singular values."""
 
 
-def basis_by_gram(unit: FloatArray) -> FloatArray | None:
-    """An orthonormal basis (n, m) of very large `unit` columns (n, m), to rounding; None of smaller ones, and where
-    columns are so alike that it takes singular values to tell their span.
+def basis_by_gram(columns: FloatArray, scale: FloatArray) -> FloatArray | None:
+    """An orthonormal basis (n, m) of very many numbers `columns` (n, m) of lengths `scale`, to rounding; None of
+    fewer, and where columns are so alike that it takes singular values to tell their span.
 
     The first basis is orthogonal to the rounding of the Gram matrix, a step towards its inverse root does the rest
     (as Cholesky QR 2, Yamamoto et al., ETNA 44 (2015) 306).
     """
-    by_gram = _by_gram(unit) if unit.size >= VERY_MANY_NUMBERS else None
+    by_gram = _by_gram(columns, scale) if columns.size >= VERY_MANY_NUMBERS else None
     if by_gram is None:
         return None
-    basis = unit @ by_gram[1]
-    return np.asarray(basis @ (1.5 * np.eye(unit.shape[1]) - 0.5 * (basis.T @ basis)))
+    basis = columns @ (by_gram[1] / scale[:, None])
+    return np.asarray(basis @ (1.5 * np.eye(columns.shape[1]) - 0.5 * (basis.T @ basis)))

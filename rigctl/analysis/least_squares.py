@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from rigctl.analysis.decomposition import Triangle, triangle_of
+from rigctl.analysis.lengths import lengths
 from rigctl.core.arrays import BoolArray, FloatArray, IntArray
 from rigctl.core.errors import ProcedureError
 
@@ -62,8 +63,8 @@ class Parameter:
 class FitResult:
     """Values, covariance and whether to trust them.
 
-    `residuals` are the whitened data - model at the solution, `jacobian` (data, parameters) their
-    derivative; `chi2` and `dof` count the priors as data. `covariance` has zeros for fixed parameters. What
+    `residuals` are the whitened data - model at the solution, `jacobian` (data, parameters) the whitened
+    model's derivative; `chi2` and `dof` count the priors as data. `covariance` has zeros for fixed parameters. What
     the data cannot determine is NaN, never a number: the parameters in the null space of a singular
     problem (verdict `ill-conditioned`) and the covariance of those at a limit (`at-limit`).
     """
@@ -110,7 +111,7 @@ def least_squares(
     """Minimise the square sum of `residuals(p)` plus priors over the free parameters.
 
     `residuals` takes all parameters, fixed ones included, and gives (data,) whitened data - model;
-    `jacobian(p)` gives d residuals / d p, (data, parameters), dense however it was built. `rcond` is the relative
+    `jacobian(p)` gives d (whitened model) / d p = -d residuals / d p, (data, parameters). `rcond` is the relative
     singular value of the column-scaled Jacobian below which a direction counts as undetermined. Raises
     `ProcedureError` for non-finite residuals at the start, two parameters of one name, or a start outside its
     limits; otherwise the verdict says how it went.
@@ -169,7 +170,7 @@ class _State:
     def step(self, damping: float) -> FloatArray:
         """Step over all parameters; nothing moves along the null space."""
         step = np.zeros(self.p.size)
-        step[self.active] = -self.triangle.solve(self.projected, damping) / self.scale
+        step[self.active] = self.triangle.solve(self.projected, damping) / self.scale
         return step
 
     def relief(self, damping: float, chi2: float) -> float:
@@ -187,11 +188,11 @@ class _State:
 def _lengths(columns: FloatArray) -> FloatArray:
     """Lengths of columns, of those too whose squares overflow: an exponential far from its data."""
     with np.errstate(over="ignore"):
-        lengths = np.linalg.norm(columns, axis=0)
-    if not np.isfinite(lengths).all():
+        found = lengths(columns)
+    if not np.isfinite(found).all():
         largest = np.maximum(np.abs(columns).max(axis=0), np.finfo(np.float64).tiny)
-        lengths = largest * np.linalg.norm(columns / largest, axis=0)
-    return np.asarray(lengths)
+        found = largest * lengths(columns / largest)
+    return found
 
 
 class _Problem:
@@ -236,13 +237,13 @@ class _Problem:
         J = self._derivative(p, r)
         # Held only while chi-squared falls beyond the limit: decided anew at every point, a parameter may come back.
         with np.errstate(over="ignore"):
-            at_limit = self._pushed_to_limit(p, J.T @ r)
+            at_limit = self._pushed_to_limit(p, -(J.T @ r))
         active = np.flatnonzero(self.free & ~at_limit)
         columns = J if active.size == p.size else J.take(active, axis=1)
         norms = _lengths(columns)
         # Columns of unit length: the rank then depends on how alike columns are and not on the parameters' units.
         scale = np.where(norms > 0.0, norms, 1.0)
-        triangle, projected = triangle_of(columns / scale, r, self._rcond)
+        triangle, projected = triangle_of(columns, scale, r, self._rcond)
         return _State(p, r, J, active, scale, triangle, projected)
 
     def result(self, state: _State, converged: bool, iterations: int) -> FitResult:
@@ -275,7 +276,7 @@ class _Problem:
         J: FloatArray = np.asarray(self._jacobian(p), dtype=np.float64)
         if self.with_prior:
             below = np.zeros((r.size - data, p.size), order="F")
-            below[np.arange(r.size - data), self.with_prior] = -1.0 / self.prior_sigma
+            below[np.arange(r.size - data), self.with_prior] = 1.0 / self.prior_sigma
             J = np.concatenate([J, below])
         if not np.isfinite(J).all():
             bad = self.names[int(np.flatnonzero(~np.isfinite(J).all(axis=0))[0])]

@@ -45,7 +45,8 @@ def unit_columns(rows: int, columns: int, alike: float) -> np.ndarray:
 @pytest.mark.parametrize("alike", [1.0, 1e-3])
 def test_a_basis_by_products_is_orthonormal_to_rounding_and_spans_the_columns(alike: float) -> None:
     unit = unit_columns(60_000, 10, alike)
-    basis = basis_by_gram(unit)
+    scale = np.linspace(0.5, 9.0, 10)
+    basis = basis_by_gram(unit * scale, scale)
     assert basis is not None
     np.testing.assert_allclose(basis.T @ basis, np.eye(10), atol=1e-13)
     # What the less alike of two columns leaves is 1e-3: rounding divided by that.
@@ -53,5 +54,5 @@ def test_a_basis_by_products_is_orthonormal_to_rounding_and_spans_the_columns(al
 
 
 def test_columns_too_alike_for_products_are_left_to_singular_values() -> None:
-    assert basis_by_gram(unit_columns(60_000, 10, 1e-5)) is None
-    assert basis_by_gram(unit_columns(600, 10, 1.0)) is None
+    assert basis_by_gram(unit_columns(60_000, 10, 1e-5), np.ones(10)) is None
+    assert basis_by_gram(unit_columns(600, 10, 1.0), np.ones(10)) is None

@@ -16,10 +16,10 @@ LINE = [Parameter("offset", 0.0), Parameter("slope", 0.0)]
 
 
 def derivatives(residuals, step=1e-6):
-    """Derivatives by complex steps, exact to rounding."""
+    """The model's derivatives by complex steps, exact to rounding."""
 
     def jacobian(p):
-        moved = (residuals(p + 1j * step * each) for each in np.eye(len(p)))
+        moved = (-residuals(p + 1j * step * each) for each in np.eye(len(p)))
         return np.stack([np.imag(r) / step for r in moved], axis=1)
 
     return jacobian
@@ -251,8 +251,8 @@ def test_a_derivative_whose_square_overflows_is_a_column_like_others() -> None:
     """Steep beyond 1e154 per unit: the fit ends where it should, and nothing is warned of."""
     x = np.linspace(1.0, 2.0, 8)
     parameters = [Parameter("steep", start=0.9e-200), Parameter("level", start=0.0)]
-    slopes = np.column_stack([-1e200 * x, -np.ones(8)])
-    found = least_squares(lambda p: 3.0 + x + slopes @ p, parameters, jacobian=lambda _: slopes)
+    slopes = np.column_stack([1e200 * x, np.ones(8)])
+    found = least_squares(lambda p: 3.0 + x - slopes @ p, parameters, jacobian=lambda _: slopes)
     assert found.verdict == "converged"
     np.testing.assert_allclose(found.values, [1e-200, 3.0], rtol=1e-9)
 
@@ -269,7 +269,7 @@ class TestManyParameters:
         design *= 10.0 ** rng.uniform(-6.0, 6.0, columns)
         y = design @ (rng.normal(size=columns) / np.linalg.norm(design, axis=0)) + 0.1 * rng.normal(size=400)
         names = [Parameter(f"p{number}", 0.0) for number in range(columns)]
-        return design, y, least_squares(lambda p: y - design @ p, names, jacobian=lambda _: -design)
+        return design, y, least_squares(lambda p: y - design @ p, names, jacobian=lambda _: design)
 
     def test_is_the_textbook_solution(self):
         design, y, fit = self.problem()

@@ -22,6 +22,7 @@ HEADS = {
     f"laser_{i}_mm": HeadSettings(position=position, tilt_deg=TILT)  # type: ignore[arg-type]
     for i, position in ((1, "+x"), (2, "+y"), (3, "+z"))
 }
+ROUNDING = 4.0 * np.finfo(np.float64).eps
 SERIES = {(each.channel, each.component): i for i, each in enumerate(series_of(tuple(HEADS)))}
 Expected = Mapping[tuple[str, str], Any]
 
@@ -194,7 +195,7 @@ def test_a_curved_head_shows_twice_the_frequency_as_the_square_of_its_reading(pa
     change = changed(package, "laser-nonlinearity", {"q": 0.03}, head="laser_1_mm")
     expected = np.zeros_like(change)
     expected[:, SERIES["laser_1_mm", "2 nu in-phase"]] = 0.5 * 0.03 * (A / np.cos(np.radians(TILT))) ** 2
-    np.testing.assert_allclose(change, expected, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(change, expected, rtol=1e-9, atol=ROUNDING * A)
 
 
 def test_only_the_side_head_sees_the_main_motion_by_crosstalk(package: Package) -> None:
@@ -205,7 +206,7 @@ def test_only_the_side_head_sees_the_main_motion_by_crosstalk(package: Package) 
     change = changed(package, "laser-crosstalk", {"chi": 1e-4}, head="laser_2_mm")
     expected = np.zeros_like(change)
     expected[:, SERIES["laser_2_mm", "nu in-phase"]] = 1e-4 * A
-    np.testing.assert_allclose(change, expected, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(change, expected, rtol=1e-9, atol=ROUNDING * A)
 
 
 def test_every_effect_of_the_catalogue_has_its_formula_here() -> None:
@@ -222,7 +223,7 @@ def test_a_quadratic_sensor_squares_the_sum_of_the_forces(package: Package) -> N
     np.testing.assert_array_equal(one, other)
     force = RUNS.s / GAIN + G * 1e-3 * A * np.cos(RUNS.d)
     np.testing.assert_allclose(
-        one[:, SERIES["accel_v", "2 nu in-phase"]], 0.5 * GAIN * 0.1 * force**2, rtol=1e-9, atol=1e-18
+        one[:, SERIES["accel_v", "2 nu in-phase"]], 0.5 * GAIN * 0.1 * force**2, rtol=1e-9, atol=ROUNDING * DC
     )
 
 

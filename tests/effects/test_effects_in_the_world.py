@@ -86,7 +86,7 @@ def fitted(study: SensingAxisStudy, terms: Sequence[Term], known: Mapping[str, f
     return least_squares(
         lambda values: (given.value - model.predict(values)) / given.sigma,
         parameters,
-        jacobian=lambda values: -model.jacobian(values) / given.sigma[:, None],
+        jacobian=lambda values: model.jacobian(values) / given.sigma[:, None],
         max_iterations=100,
     )
 

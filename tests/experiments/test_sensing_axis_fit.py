@@ -15,6 +15,7 @@ from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.catalogue import Effect, chosen, effect
 from rigctl.experiments.sensing_axis.model.fit import RecordingFit, fit_recording, residuals_of
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.model.prediction import Observer
 from rigctl.experiments.sensing_axis.observe.reduction import ReducedRun, observables
 
 EFFECTS = ("roll-gravity", "resonance")
@@ -90,14 +91,14 @@ def test_roll_and_null_are_not_told_apart_at_one_frequency(make_run: Any, packag
         fitted(runs, package, heads)
 
 
-def test_the_jacobian_is_the_slope_of_the_residuals(make_run: Any, package: Any, heads: Any) -> None:
+def test_the_jacobian_is_the_slope_of_the_model(make_run: Any, package: Any, heads: Any) -> None:
     fit = fitted(runs_of_a_search(make_run, 5), package, heads)
     model, values = fit.model, fit.result.values
     for i, parameter in enumerate(model.parameters):
         step = np.zeros(len(values))
         step[i] = parameter.step or 1e-6
         slope = (residuals_of(model, values + step) - residuals_of(model, values - step)) / (2 * step[i])
-        np.testing.assert_allclose(fit.result.jacobian[: len(slope), i], slope, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(fit.result.jacobian[: len(slope), i], -slope, rtol=1e-6, atol=1e-9)
 
 
 def test_a_recording_without_lasers_has_nulls_and_no_vectors(make_run: Any, package: Any) -> None:
@@ -225,9 +226,7 @@ def test_slopes_are_the_differences_of_predictions(
     if own:
         values[model.index("k")] = own[0].typical["k"]
 
-    def observe(seen: Any) -> Any:
-        return np.stack([seen.accel_v[:, 1].real, seen.accel_v[:, 0].real, *seen.lasers_m[..., 1].real.T], axis=1)
-
+    observe = Observer(lambda accel: accel[:, 1::-1].real, lambda laser: laser[:, 1:2].real)
     slopes = model.jacobian(values, observe)
     for place, parameter in enumerate(model.parameters):
         above, below = values.copy(), values.copy()

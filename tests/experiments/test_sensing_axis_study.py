@@ -90,7 +90,7 @@ def fitted(model: SensingAxisModel) -> FitResult:
     return least_squares(
         lambda values: (given.value - model.predict(values)) / given.sigma,
         model.parameters,
-        jacobian=lambda values: -model.jacobian(values) / given.sigma[:, None],
+        jacobian=lambda values: model.jacobian(values) / given.sigma[:, None],
         max_iterations=100,
     )
 

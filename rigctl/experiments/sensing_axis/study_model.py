@@ -36,6 +36,7 @@ class SensingAxisModel:
         self._data = data
         # Nulls are stage angles, which files and commands give in degrees; the fit is in radians.
         in_degrees = [parameter.name.startswith("theta0[") for parameter in inner.parameters]
+        self._in_degrees = np.flatnonzero(in_degrees)
         self._shown = np.where(in_degrees, _DEGREES, 1.0)
         self.parameters: Sequence[Parameter] = tuple(
             _scaled(parameter, float(factor)) for parameter, factor in zip(inner.parameters, self._shown, strict=True)
@@ -68,14 +69,12 @@ class SensingAxisModel:
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         slopes = self.slopes(self.inner, self.si(values))
-        slopes /= self._shown
+        slopes[:, self._in_degrees] /= _DEGREES
         return slopes
 
     def slopes(self, model: RecordingModel, values: FloatArray, owners: Sequence[str] | None = None) -> FloatArray:
         """Derivatives of these data for any model of these runs, in SI; shape (n, its parameters)."""
-        derivatives = model.jacobian(values, observed, owners=owners)
-        # As they are in memory, which an index in brackets does not keep.
-        return np.asarray(derivatives.T.compress(self._data.present.ravel(), axis=1).T)
+        return model.jacobian(values, observed, present=self._data.present, owners=owners)
 
     def si(self, values: FloatArray) -> FloatArray:
         """Parameter values in SI and radians."""

@@ -94,11 +94,12 @@ class FittedModel:
             for column, each in enumerate(self.model.parameters)
             if each.prior is not None and not each.fixed
         ]
+        if not priors:
+            return self.result.jacobian
         below = np.zeros((len(priors), len(self.model.parameters)), order="F")
         for row, (column, sigma) in enumerate(priors):
             below[row, column] = 1.0 / sigma
-        # The fit's is of residuals, data - model; this one is of the model.
-        return np.vstack([-self.result.jacobian, below])
+        return np.vstack([self.result.jacobian, below])
 
     @cached_property
     def left(self) -> FloatArray:

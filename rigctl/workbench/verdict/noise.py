@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from rigctl.analysis.decomposition import basis_by_gram, svd
+from rigctl.analysis.lengths import lengths
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.verdict.kernels import SlowNoise
 
@@ -121,12 +122,12 @@ class Noise:
 
 def orthonormal(columns: FloatArray, tolerance: float) -> FloatArray:
     """Orthonormal basis of the span of columns, those scaled to unit length first; shape (n, rank)."""
-    norms = np.linalg.norm(columns, axis=0)
+    norms = lengths(columns)
     there = norms > 0.0
-    used = columns / norms if there.all() else columns[:, there] / norms[there]
-    if not used.shape[1]:
+    if not there.any():
         return np.zeros((len(columns), 0))
-    if (basis := basis_by_gram(used)) is not None:
+    used, norms = columns if there.all() else columns[:, there], norms[there]
+    if (basis := basis_by_gram(used, norms)) is not None:
         return basis
-    left, s, _ = svd(used)
+    left, s, _ = svd(used / norms)
     return np.asarray(left[:, s > tolerance * s[0]])

@@ -19,6 +19,6 @@ def whitened_least_squares(
     return least_squares(
         lambda p: noise.whiten(value - model.predict(p)),
         parameters,
-        jacobian=lambda p: -noise.whiten(model.jacobian(p)),
+        jacobian=lambda p: noise.whiten(model.jacobian(p)),
         max_iterations=max_iterations,
     )

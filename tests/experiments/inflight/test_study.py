@@ -143,7 +143,7 @@ def test_a_monte_carlo_of_the_calibration_is_the_fit_of_each_draw(flight, plain,
         exact = least_squares(
             whitened,
             [replace(each, start=float(at)) for each, at in zip(model.parameters, fitted[:, 0], strict=True)],
-            jacobian=lambda values: -model.jacobian(values) / attempt.noise.sigma[:, None],
+            jacobian=lambda values: model.jacobian(values) / attempt.noise.sigma[:, None],
             rcond=1e-12,
         )
         sigma = np.sqrt(np.diag(exact.covariance))[:10]

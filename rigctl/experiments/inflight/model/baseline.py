@@ -232,7 +232,7 @@ def joint_estimate(stretches: Sequence[Stretch]) -> FitResult:
     return least_squares(
         lambda p: baseline.residual(p) / sigma,
         baseline.parameters,
-        jacobian=lambda p: baseline.jacobian(p) / sigma[:, None],
+        jacobian=lambda p: -baseline.jacobian(p) / sigma[:, None],
         # The loose priors are meant to determine what no session does, far below the usual limit.
         rcond=1e-12,
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rigctl.experiments.sensing_axis.model.parameters import by_configuration, by_mounting
-from rigctl.experiments.sensing_axis.model.prediction import Prediction
+from rigctl.experiments.sensing_axis.model.prediction import Observer
 from rigctl.experiments.sensing_axis.model.templates import templates
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
@@ -34,13 +34,6 @@ def series_of(heads: Sequence[str]) -> tuple[Series, ...]:
     """All series of a recording: those of the accelerometer, then of each head."""
     accel = [Series(ACCEL, component, "V") for component in COMPONENTS["accelerometer"]]
     return (*accel, *(Series(head, component, "m") for head in heads for component in COMPONENTS["laser"]))
-
-
-def observed(prediction: Prediction) -> FloatArray:
-    """A prediction in all series, shape (runs, series)."""
-    parts = [prediction.accel_v[:, 0].real[:, None], _parts(prediction.accel_v)]
-    parts += [_parts(prediction.lasers_m[:, head]) for head in range(prediction.lasers_m.shape[1])]
-    return np.concatenate(parts, axis=1)
 
 
 @dataclass(frozen=True)
@@ -84,9 +77,22 @@ def stacked(runs: Sequence[RunObservables], heads: Sequence[str]) -> Stacked:
     )
 
 
-def _parts(amplitudes: ComplexArray) -> FloatArray:
-    lines = amplitudes[:, 1:]
-    return np.stack([lines.real, lines.imag], axis=-1).reshape(len(lines), -1)
+def _with_mean(amplitudes: ComplexArray) -> FloatArray:
+    # A mean is real.
+    return np.delete(_real_parts(amplitudes, 0), 1, axis=1)
+
+
+def _lines(amplitudes: ComplexArray) -> FloatArray:
+    return _real_parts(amplitudes, 1)
+
+
+def _real_parts(amplitudes: ComplexArray, first: int) -> FloatArray:
+    """In phase and quadrature of each harmonic from the `first` on, side by side, (runs, 2 harmonics)."""
+    return np.ascontiguousarray(amplitudes[:, first:]).view(np.float64)
+
+
+observed = Observer(_with_mean, _lines)
+"""A prediction in all series, shape (runs, series)."""
 
 
 def _row(run: RunObservables, heads: Sequence[str]) -> tuple[list[float], list[float], list[float]]:

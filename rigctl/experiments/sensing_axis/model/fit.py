@@ -13,7 +13,7 @@ from rigctl.core.errors import ProcedureError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.geometry import motion_in_cube
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
-from rigctl.experiments.sensing_axis.model.prediction import Prediction
+from rigctl.experiments.sensing_axis.model.prediction import Observer
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 from rigctl.files.package import HeadSettings, Package
 
@@ -115,8 +115,7 @@ def _fitted(model: RecordingModel, measured: FloatArray, sigma: FloatArray) -> R
         return ((measured - _observe(model.predict(values))) / sigma)[free]
 
     def jacobian(values: FloatArray) -> FloatArray:
-        slopes = model.jacobian(values, _observe).reshape(*sigma.shape, -1)
-        return (-slopes / sigma[..., None])[free]
+        return np.asarray(model.jacobian(values, _observe, present=free) / sigma[free][:, None])
 
     result = least_squares(residuals, model.parameters, jacobian=jacobian, max_iterations=MAX_ITERATIONS)
     # A null at a limit or in a valley is no null.
@@ -131,13 +130,11 @@ def residuals_of(model: RecordingModel, values: FloatArray) -> FloatArray:
     return ((measured - _observe(model.predict(values))) / sigma)[np.isfinite(sigma)]
 
 
-def _observe(prediction: Prediction) -> FloatArray:
-    accel = prediction.accel_v
-    # In phase is eq. 5; the quadrature tells the resonance's damping; the mean the level.
-    parts = [accel[:, 1].real, accel[:, 1].imag, accel[:, 0].real]
-    # A head reads a share of the displacement: its quadrature tells nothing of the cube.
-    parts += [prediction.lasers_m[:, head, 1].real for head in range(prediction.lasers_m.shape[1])]
-    return np.stack(parts, axis=1)
+# In phase is eq. 5; the quadrature tells the resonance's damping; the mean the level. A head reads a share of the
+# displacement: its quadrature tells nothing of the cube.
+_observe = Observer(
+    accel=lambda of: np.stack([of[:, 1].real, of[:, 1].imag, of[:, 0].real], axis=1), laser=lambda of: of[:, 1:2].real
+)
 
 
 def _measured(model: RecordingModel) -> tuple[FloatArray, FloatArray]:

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.chain import Origins, Runs, periodic_motion
 from rigctl.experiments.sensing_axis.model.geometry import leaning
 from rigctl.experiments.sensing_axis.model.parameters import Family, Layout, Sharing
-from rigctl.experiments.sensing_axis.model.prediction import Chain, Place, Prediction, Stages
+from rigctl.experiments.sensing_axis.model.prediction import Chain, Observer, Place, Prediction, Stages
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables, heads_of
 from rigctl.files.package import HeadSettings, Package, unit_vector
 
 _ROWS_TOGETHER, _FEWEST = 1000, 2
 """Runs with their copies that are predicted at once, and the families for which that is worth it."""
+
+
+class Channels(NamedTuple):
+    """Which of them depend on a family of parameters."""
+
+    accel: bool
+    lasers: bool
 
 
 @dataclass(frozen=True)
@@ -138,30 +146,41 @@ class RecordingModel:
     def jacobian(
         self,
         values: FloatArray,
-        observe: Callable[[Prediction], FloatArray],
+        observe: Observer,
         *,
+        present: BoolArray | None = None,
         owners: Collection[str] | None = None,
     ) -> FloatArray:
-        """Derivatives of `observe(prediction)`, which has one row per run; shape (rows * columns, parameters), each
-        parameter's contiguous in memory.
+        """Derivatives of `observe(prediction)`, (runs, columns), where that is `present`, by default everywhere.
+
+        Their shape is (present, parameters), run by run, each parameter's contiguous in memory.
 
         One pair of predictions per family: the parameters of a family touch different runs. With `owners` only
         the columns of these effects are worked out, the rest is zero.
         """
         here = self._here(values)
-        width = observe(self._chain.predict(here.given, stages=here.stages)).shape[1]
-        slopes = np.zeros((len(self.parameters), len(self.runs), width))
-        rows = np.arange(len(self.runs))
-        for family, upper, lower in self._stepped(here.given, here.stages, owners):
-            # Of a run only its own member of the family moved: its row is that member's derivative.
-            step = self._steps[family.columns][:, None]
-            slopes[family.columns, rows] = (observe(upper) - observe(lower)) / (2.0 * step)
-        return slopes.reshape(len(self.parameters), -1).T
+        first = self._chain.predict(here.given, stages=here.stages)
+        present = np.ones(observe(first).shape, dtype=np.bool_) if present is None else present
+        accels = observe(first, lasers=False).shape[1]
+        slopes = np.zeros((len(self.parameters), np.count_nonzero(present)))
+        rows = np.cumsum(present).reshape(present.shape) - 1
+        stepped = self._stepped(here.given, here.stages, owners)
+        for channels, alike in groupby(stepped, lambda each: _channels(each[0])):
+            own = slice(0 if channels.accel else accels, None if channels.lasers else accels)
+            run, column = np.nonzero(present[:, own])
+            row = rows[run, own.start + column]
+            for family, upper, lower in alike:
+                # Of a run only its own member of the family moved: its row is that member's derivative.
+                step = self._steps[family.columns][:, None]
+                moved = (observe(upper, *channels) - observe(lower, *channels)) / (2.0 * step)
+                slopes[family.columns[run], row] = moved[run, column]
+        return slopes.T
 
     def _stepped(
         self, given: Mapping[str, FloatArray], stages: Stages, owners: Collection[str] | None
     ) -> Iterator[tuple[Family, Prediction, Prediction]]:
-        """Each family with the predictions a step above what is `given` and a step below; `stages` of there."""
+        """Each family, by channels, with the predictions a step above what is `given` and a step below; `stages` of
+        there."""
         asked = [family for family in self.families if owners is None or family.owner in owners]
         together = max(_ROWS_TOGETHER // (2 * max(len(self.runs), 1)), 1)
         for (accel, lasers), alike in groupby(sorted(asked, key=_channels), key=_channels):
@@ -247,8 +266,8 @@ class RecordingModel:
         return self.package.turntable_from_cube(axis, configuration) @ unit_vector(face)
 
 
-def _channels(family: Family) -> tuple[bool, bool]:
-    return family.accel, family.lasers
+def _channels(family: Family) -> Channels:
+    return Channels(family.accel, family.lasers)
 
 
 def origins_of(runs: Sequence[RunObservables]) -> Origins:

@@ -35,6 +35,24 @@ class Prediction:
 
 
 @dataclass(frozen=True)
+class Observer:
+    """What of a prediction is compared with data, (runs, columns): of the accelerometer, then of head after head.
+
+    `accel` and `laser` take it from the amplitudes (runs, H+1) of one channel.
+    """
+
+    accel: Callable[[ComplexArray], FloatArray]
+    laser: Callable[[ComplexArray], FloatArray]
+
+    def __call__(self, prediction: Prediction, accel: bool = True, lasers: bool = True) -> FloatArray:
+        """All columns, or only those of the accelerometer or of the heads."""
+        parts = [self.accel(prediction.accel_v)] if accel else [np.zeros((len(prediction.accel_v), 0))]
+        if lasers:
+            parts += [self.laser(prediction.lasers_m[:, head]) for head in range(prediction.lasers_m.shape[1])]
+        return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True)
 class Place:
     """Where a head stands in each run and where its beam is tilted to, (runs, 1, 3); one value per run:
     a head sees other faces in other configurations."""
@@ -209,4 +227,4 @@ def _faced(place: Place, rotation: FloatArray, x: FloatArray) -> tuple[FloatArra
     # A face moved by x meets the beam (n . x) / (c . n) farther along it, n its normal, c the beam's direction.
     along, across, ahead = components(rotation, place.outward, place.outward, place.leaning, X_LAB)
     cosine = np.cos(place.tilt) * along + np.sin(place.tilt) * across
-    return along, across, x * ahead / cosine
+    return along, across, x * (ahead / cosine)

@@ -224,7 +224,7 @@ def _response(fit: RecordingFit, changed: Callable[[float], RecordingModel], ste
     values = fit.result.values
     slope = (residuals_of(changed(step), values) - residuals_of(changed(-step), values)) / (2.0 * step)
     # The fit follows the change: mounting rotations absorb a part of it.
-    return np.asarray(-fit.result.covariance @ fit.result.jacobian[: len(slope)].T @ slope)
+    return np.asarray(fit.result.covariance @ fit.result.jacobian[: len(slope)].T @ slope)
 
 
 def _tilted(model: RecordingModel, head: str, by_rad: float) -> RecordingModel:

@@ -19,7 +19,7 @@ _EVALUATIONS = 400
 def descend(residuals: Function, jacobian: Function, parameters: Sequence[Parameter]) -> FitResult | None:
     """`least_squares` from the parameters' starts; MINPACK's scaled steps (Moré 1978) where that does not converge.
 
-    None when the start is undefined or the fit is singular.
+    `jacobian` is the model's, as there. None when the start is undefined or the fit is singular.
     """
     first = _fitted(residuals, jacobian, parameters)
     if first is None or first.verdict == "converged":
@@ -36,7 +36,7 @@ def descend(residuals: Function, jacobian: Function, parameters: Sequence[Parame
         return residuals(whole(values))
 
     def slopes(values: FloatArray) -> FloatArray:
-        return np.asarray(jacobian(whole(values))[:, free])
+        return np.asarray(-jacobian(whole(values))[:, free])
 
     try:
         with np.errstate(all="ignore"):

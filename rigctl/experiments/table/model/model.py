@@ -206,6 +206,6 @@ def fitted(model: TableModel) -> FitResult | None:
     given = model.observations
     return descend(
         lambda values: (given.value - model.predict(values)) / given.sigma,
-        lambda values: -model.jacobian(values) / given.sigma[:, None],
+        lambda values: model.jacobian(values) / given.sigma[:, None],
         model.parameters,
     )

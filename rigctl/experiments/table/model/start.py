@@ -185,7 +185,7 @@ def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
     expression = readings.expression
 
     def jacobian(values: FloatArray) -> FloatArray:
-        return np.asarray(-readings.baseline(values)[1] / readings.sigma[:, None])
+        return np.asarray(readings.baseline(values)[1] / readings.sigma[:, None])
 
     parameters = [Parameter(name, float(x)) for name, x in zip(expression.parameters, start, strict=True)]
     return descend(lambda values: _residuals(readings, values), jacobian, parameters)
