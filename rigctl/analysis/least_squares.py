@@ -187,7 +187,7 @@ class _State:
 
 def _lengths(columns: FloatArray) -> FloatArray:
     """Lengths of columns, of those too whose squares overflow: an exponential far from its data."""
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         found = lengths(columns)
     if not np.isfinite(found).all():
         largest = np.maximum(np.abs(columns).max(axis=0), np.finfo(np.float64).tiny)
@@ -240,7 +240,7 @@ class _Problem:
             at_limit = self._pushed_to_limit(p, -(J.T @ r))
         active = np.flatnonzero(self.free & ~at_limit)
         columns = J if active.size == p.size else J.take(active, axis=1)
-        norms = _lengths(columns)
+        norms = self._lengths(J)[active]
         # Columns of unit length: the rank then depends on how alike columns are and not on the parameters' units.
         scale = np.where(norms > 0.0, norms, 1.0)
         triangle, projected = triangle_of(columns, scale, r, self._rcond)
@@ -278,10 +278,14 @@ class _Problem:
             below = np.zeros((r.size - data, p.size), order="F")
             below[np.arange(r.size - data), self.with_prior] = 1.0 / self.prior_sigma
             J = np.concatenate([J, below])
-        if not np.isfinite(J).all():
-            bad = self.names[int(np.flatnonzero(~np.isfinite(J).all(axis=0))[0])]
-            raise ProcedureError(f"the derivative with respect to {bad} is not finite: check its start")
         return J
+
+    def _lengths(self, J: FloatArray) -> FloatArray:
+        found = _lengths(J)
+        if not np.isfinite(found).all():
+            bad = self.names[int(np.flatnonzero(~np.isfinite(found))[0])]
+            raise ProcedureError(f"the derivative with respect to {bad} is not finite: check its start")
+        return found
 
     def _pushed_to_limit(self, p: FloatArray, gradient: FloatArray) -> BoolArray:
         low = (p <= self.lower) & (gradient > 0.0)

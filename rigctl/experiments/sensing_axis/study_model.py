@@ -170,6 +170,12 @@ def untestable(effect: Effect, model: RecordingModel) -> str | None:
     `model` need not have the effect. Runs that differ in too little for the parameters to be told apart are not the
     matter here: that is for the fit to say.
     """
+    if effect not in model.tried.untestable:
+        model.tried.untestable[effect] = _reason_against(effect, model)
+    return model.tried.untestable[effect]
+
+
+def _reason_against(effect: Effect, model: RecordingModel) -> str | None:
     for need in effect.needs:
         reason = _NEEDS[need](model.runs)
         if reason:

@@ -46,6 +46,14 @@ class Latest:
         self.kept: tuple[tuple[object, bytes], Here] | None = None
 
 
+@dataclass(frozen=True)
+class Tried:
+    """What trying effects on these runs has told: which heads they reach, why the runs cannot be asked about them."""
+
+    reach: dict[Effect, tuple[str, ...]] = field(default_factory=dict)
+    untestable: dict[Effect, str | None] = field(default_factory=dict)
+
+
 class RecordingModel:
     """The model of a set of runs; parameters in SI and radians, runs in the order given.
 
@@ -72,10 +80,11 @@ class RecordingModel:
         self.origins = origins or origins_of(self.runs)
         self.heads = tuple(name for name in heads_of(runs) if name in heads)
         if like is None:
-            self._sharing, self._latest = Sharing(self.runs), Latest()
+            self._sharing, self._latest, self.tried = Sharing(self.runs), Latest(), Tried()
             self._bare = Chain(self._collect_conditions(), {name: self._place(name) for name in self.heads}, {})
         else:
-            self._sharing, self._latest, self._bare = like._sharing, like._latest, like._bare
+            self._sharing, self._latest, self.tried = like._sharing, like._latest, like.tried
+            self._bare = like._bare
         acting = {item: self.reach(item) for item in self.effects if not item.scanned}
         self._chain = replace(self._bare, acting=acting)
         layout = Layout(self._sharing, package, {name: heads[name] for name in self.heads}, acting)
@@ -112,10 +121,14 @@ class RecordingModel:
         """The heads an effect acts on; none unless it has a value for each head."""
         if effect.scope != "head":
             return ()
+        if effect.heads:
+            return effect.heads
         # Found by trying: what is an error of side heads adds nothing to the main one, whatever its size.
-        return effect.heads or tuple(
-            head for head in self.heads if np.any(effect(self.at_head(head), **effect.typical))
-        )
+        if effect not in self.tried.reach:
+            self.tried.reach[effect] = tuple(
+                head for head in self.heads if np.any(effect(self.at_head(head), **effect.typical))
+            )
+        return self.tried.reach[effect]
 
     def at_head(self, head: str) -> Runs:
         """The runs as an effect on a head's reading finds them."""
