@@ -15,6 +15,7 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import NoisePool, Observations, Series, SharedOffset
 from rigctl.workbench.verdict.noise import Correlation, Noise, orthonormal
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
+from rigctl.workbench.verdict.pool_order import pool_orders
 from rigctl.workbench.verdict.offsets import without_offsets
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
 
@@ -347,3 +348,18 @@ def test_columns_that_concern_a_few_groups_are_whitened_as_all_are() -> None:
     one_by_one = np.stack([noise.whiten(column) for column in columns.T], axis=1)
     np.testing.assert_allclose(noise.whiten(columns), one_by_one, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(noise.colour(noise.whiten(columns)), columns, atol=1e-12)
+
+
+def test_what_is_known_of_an_order_is_the_same_for_every_model() -> None:
+    given, rng = readings(60), np.random.default_rng(4)
+    orders = pool_orders(given)
+    for fitted in (line(60), line(60)[:, :1]):
+        noisy = relaxing(rng, 60, 12.0)
+        alone, shared = (NoiseEstimator(given, fitted, nothing, known).estimate(noisy) for known in (None, orders))
+        np.testing.assert_array_equal(alone.sigma, shared.sigma)
+        np.testing.assert_array_equal(alone.factors[0][1], shared.factors[0][1])
+    # Decomposed once.
+    name, members = orders[0].kernels[0], np.arange(60)
+    assert orders[0].decomposed(name, members) is orders[0].decomposed(name, members)
+    strength, vectors = orders[0].decomposed(name, members)
+    np.testing.assert_allclose((vectors * strength) @ vectors.T, orders[0].kernel(name, members), atol=1e-12)

@@ -107,7 +107,8 @@ class Attempt(FittedModel):
         if known is not None and noise is not None:
             self.estimator, fits = known.estimator, [first]
         else:
-            self.estimator = estimator_of(first, lambda: self._questions.groups, self.generic)
+            orders = self._shared.orders(given)
+            self.estimator = estimator_of(first, lambda: self._questions.groups, self.generic, orders)
             if ended is None:
                 fits = with_estimated_noise(first, self.estimator)
             else:

@@ -23,6 +23,7 @@ from rigctl.workbench.verdict.kernels import SlowNoise
 from rigctl.workbench.verdict.noise import Correlation, Noise
 from rigctl.workbench.verdict.noise_pool import EVEN_ODDS, WHITE, Pool
 from rigctl.workbench.verdict.offsets import in_units, with_offsets
+from rigctl.workbench.verdict.pool_order import PoolOrder, pool_orders
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding
 
 ROUNDS = 2
@@ -40,18 +41,19 @@ class NoiseEstimator:
 
     `required` (n, m) are the derivatives of what is fitted, `possible` gives those of what might be hidden at
     some of the data, in order of precedence; both are projected out of each pool that needs its
-    scatter, the latter as far as there is room.
+    scatter, the latter as far as there is room. `orders` are those of the pools, where they have been made.
     """
 
     def __init__(
-        self, observations: Observations, required: FloatArray, possible: Callable[[IntArray], Sequence[Hidden]]
+        self,
+        observations: Observations,
+        required: FloatArray,
+        possible: Callable[[IntArray], Sequence[Hidden]],
+        orders: Sequence[PoolOrder] | None = None,
     ) -> None:
         self._given = observations
-        self._pools = [
-            Pool(observations, np.flatnonzero(observations.pool_of == number), required, possible, pool.order)
-            for number, pool in enumerate(observations.pools)
-            if pool.dof <= 0.0 and np.any(observations.pool_of == number)
-        ]
+        orders = pool_orders(observations) if orders is None else orders
+        self._pools = [Pool(observations, order, required, possible) for order in orders]
         dof = np.array([pool.dof for pool in observations.pools])[observations.pool_of]
         self._dof = np.where(dof > 0.0, dof, np.inf)
         self._beside = np.array([not pool.of_these for pool in observations.pools])[observations.pool_of]
@@ -64,7 +66,7 @@ class NoiseEstimator:
     @property
     def correlated(self) -> bool:
         """True when some noise may be correlated from run to run."""
-        return any(pool.correlated for pool in self._pools)
+        return any(pool.order.correlated for pool in self._pools)
 
     @property
     def saturated(self) -> FloatArray | None:
@@ -133,12 +135,12 @@ class NoiseEstimator:
         What might be hidden takes most of what data know of slow noise with it: what is found beside it is a fair
         measure to search with, but of a parameter that goes slowly it gives too small an uncertainty (decision 078).
         """
-        asked = [pool for pool in self._pools if pool.correlated]
+        asked = [pool for pool in self._pools if pool.order.correlated]
         if not asked or not all(pool.is_small for pool in asked):
             return now
         sigma, factors = now.sigma.copy(), list(self._given.factors)
         for pool in asked:
-            alone = Pool(self._given, pool.where, jacobian, lambda _: (), pool.order)
+            alone = Pool(self._given, pool.order, jacobian, lambda _: ())
             scale, weighted = alone.estimate(in_units(self._given, pool.where, residuals[pool.where]), EVEN_ODDS)
             sigma[pool.where] = self._given.sigma[pool.where] * scale
             factors += alone.factors(weighted)
@@ -167,7 +169,9 @@ class NoiseEstimator:
         return Noise(sigma, now.dof, tuple(factors), tuple(correlations))
 
 
-def estimator_of(fitted: FittedModel, asked: Callable[[], Groups], generic: Generic) -> NoiseEstimator:
+def estimator_of(
+    fitted: FittedModel, asked: Callable[[], Groups], generic: Generic, orders: Sequence[PoolOrder]
+) -> NoiseEstimator:
     """What is hidden may be in the catalogue, or of any plain shape; scans are too many to project out."""
     given = fitted.model.observations
 
@@ -189,7 +193,7 @@ def estimator_of(fitted: FittedModel, asked: Callable[[], Groups], generic: Gene
         large = above_rounding(named.columns, where, given.sigma)
         return [named.keep(named.columns[where], large), Hidden(shapes, np.arange(shapes.shape[1]))]
 
-    return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible)
+    return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible, orders)
 
 
 def with_estimated_noise(fitted: FittedModel, estimator: NoiseEstimator) -> list[FittedModel]:

@@ -3,38 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
-from rigctl.workbench.verdict.kernels import SlowNoise, kernel
+from rigctl.workbench.verdict.kernels import SlowNoise
 from rigctl.workbench.verdict.noise import Correlation, orthonormal
 from rigctl.workbench.verdict.offsets import in_units
+from rigctl.workbench.verdict.pool_order import LARGEST_POOL, PoolOrder
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """Variance of the correlated part over the white part."""
 
-EXPONENTS = (1.0, 1.64, 2.4)
-"""Of power laws 1/f^a: flicker; what precision accelerometers show; near a random walk."""
-
 EXPONENT_RANGE = (0.5, 3.0)
 LOG_RATIOS = (-7.0, 12.0)
 """Between which exponents and logarithms of ratios are maximised."""
 
-TIME_CONSTANTS = 6
 WHITE_ODDS = 3.0
 """Prior odds of white noise over all correlated kinds together, where effects are searched for."""
 
 EVEN_ODDS = 1.0
 """The same where a fitted parameter's uncertainty must not be too small (decision 078)."""
-
-# Its covariance is decomposed for every kernel, at a cost that grows as the cube.
-LARGEST_POOL = 400
-"""Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
 
 _LIKELIHOOD = 1e-6
 _NEGLIGIBLE = 1e-3
@@ -51,15 +43,12 @@ class Pool:
     def __init__(
         self,
         given: Observations,
-        where: IntArray,
+        order: PoolOrder,
         required: FloatArray,
         possible: Callable[[IntArray], Sequence[Hidden]],
-        order: str | None,
     ) -> None:
-        self.where = where
         self.order = order
-        self._group = given.group_of[where]
-        self._at = _usable(given.of_runs(order)[where]) if order is not None else None
+        self.where = where = order.where
         fitted = in_units(given, where, required[where][:, above_rounding(required, where, given.sigma)])
         hidden = [Hidden(in_units(given, where, each.columns), each.effect_of) for each in possible(where)]
         self.basis = saturated(fitted, hidden)
@@ -69,9 +58,9 @@ class Pool:
         self._free = len(self._looked_at) - basis.shape[1]
         self._least_scale = _ROUNDING * float(np.max(np.abs(given.value[where]) / given.sigma[where]))
         self._trials = [Whitenings([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
-        for name in self._kernels:
+        for name in order.kernels:
             # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
-            strength, vectors = np.linalg.eigh(self._kernel(name, self._looked_at))
+            strength, vectors = order.decomposed(name, self._looked_at)
             tried = [Correlation(name, q) for q in RATIOS]
             self._trials.append(Whitenings(tried, np.outer(RATIOS, strength), vectors, basis))
         self._correlations = [each for trials in self._trials for each in trials.correlations]
@@ -143,11 +132,11 @@ class Pool:
         if all(not correlation.kernel for _, correlation in correlations):
             return []
         factors: list[tuple[IntArray, FloatArray]] = []
-        for group in np.unique(self._group):
-            members = np.flatnonzero(self._group == group)
+        for group in np.unique(self.order.group):
+            members = np.flatnonzero(self.order.group == group)
             mean: FloatArray = np.eye(len(members), dtype=np.float64)
             for name, strength in _strengths(correlations):
-                mean = np.asarray(mean + strength * self._kernel(name, members), dtype=np.float64)
+                mean = np.asarray(mean + strength * self.order.kernel(name, members), dtype=np.float64)
             factor = np.asarray(np.linalg.cholesky(mean), dtype=np.float64)
             factors.append((members, factor))
         return factors
@@ -155,9 +144,9 @@ class Pool:
     def slow(self, correlations: list[tuple[float, Correlation]]) -> SlowNoise | None:
         """The law of the weighted mean of R; None for white noise."""
         strengths = tuple(_strengths(correlations))
-        if not strengths or self.order is None:
+        if not strengths or self.order.name is None:
             return None
-        return SlowNoise(self.where, self.order, strengths, self._time_scales)
+        return SlowNoise(self.where, self.order.name, strengths, self.order.time_scales)
 
     def likeliest(self, residuals: FloatArray, now: Correlation) -> tuple[float, Correlation]:
         """Scale and correlation of residuals, in units of the given sigma, at the least -2 log L of its kind."""
@@ -170,7 +159,7 @@ class Pool:
     def _likeliest_correlation(self, residuals: FloatArray, now: Correlation) -> Correlation:
         from scipy import optimize
 
-        shortest, longest = self._time_scales
+        shortest, longest = self.order.time_scales
         # What is faster than that looks white to these data, and what is slower a level.
         low, high = (shortest / 4.0, 8.0 * longest) if now.kind == "exp" else EXPONENT_RANGE
 
@@ -196,44 +185,6 @@ class Pool:
             white[where] = solve_triangular(factor, white[where], lower=True, check_finite=False)
             determinant += 2.0 * float(np.sum(np.log(np.diag(factor))))
         return white, determinant
-
-    @property
-    def correlated(self) -> bool:
-        """Whether there is an order along which to be correlated."""
-        # Of fewer times no correlation can be told from a level.
-        return self._at is not None and len(np.unique(self._at)) >= 4
-
-    @cached_property
-    def _kernels(self) -> list[str]:
-        if not self.correlated:
-            return []
-        constants = np.geomspace(*self._time_scales, TIME_CONSTANTS)
-        return [f"exp {constant!r}" for constant in map(float, constants)] + [f"power {a:g}" for a in EXPONENTS]
-
-    def _kernel(self, name: str, members: IntArray) -> FloatArray:
-        """Correlation of unit variance between data of one group, 0 between groups."""
-        if len(members) > LARGEST_POOL or name not in self._kernels:
-            return self._make(name, members)
-        key = (name, members.tobytes())
-        if key not in self._made:
-            self._made[key] = self._make(name, members)
-        return self._made[key]
-
-    @cached_property
-    def _made(self) -> dict[tuple[str, bytes], FloatArray]:
-        return {}
-
-    def _make(self, name: str, members: IntArray) -> FloatArray:
-        assert self._at is not None
-        apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
-        same = self._group[members][:, None] == self._group[members][None, :]
-        return np.where(same, kernel(name, apart, self._time_scales), 0.0)
-
-    @cached_property
-    def _time_scales(self) -> tuple[float, float]:
-        assert self._at is not None
-        ordered = np.unique(self._at)
-        return float(np.median(np.diff(ordered))), float(ordered[-1] - ordered[0])
 
 
 def _strengths(correlations: list[tuple[float, Correlation]]) -> list[tuple[str, float]]:
@@ -295,11 +246,6 @@ class Whitenings:
         along = self._basis.T @ weighted
         taken = np.sum(along * (self._inverse @ along), axis=1)
         return np.asarray(np.sum(weighted * turned, axis=1) - taken)
-
-
-def _usable(order: FloatArray) -> FloatArray | None:
-    """Times along which noise is correlated; None when some are unknown."""
-    return order if np.isfinite(order).all() else None
 
 
 def _stretch(data: int, fitted: int) -> IntArray:

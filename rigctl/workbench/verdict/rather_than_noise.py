@@ -56,6 +56,6 @@ def is_noise_instead(study: Study, terms: Sequence[Term], term: Term, alpha: flo
 def breaks_level(attempt: Attempt, effect: str) -> bool:
     """Whether an effect, by id, breaks the level along the order of the data."""
     study, pool = attempt.study, attempt.estimator.whole_pool
-    if pool is None or pool.order is None or not isinstance(study, HasBreaks):
+    if pool is None or pool.order.name is None or not isinstance(study, HasBreaks):
         return False
-    return study.breaks_level(effect, pool.order)
+    return study.breaks_level(effect, pool.order.name)

@@ -10,6 +10,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.generic import Generic
 from rigctl.workbench.verdict.noise import Noise
+from rigctl.workbench.verdict.pool_order import PoolOrder, pool_orders
 from rigctl.workbench.verdict.trials import Trials
 
 # Of a ratio of sigmas that is the same for all data but for their last digit.
@@ -17,15 +18,22 @@ _ROUNDING = 1e-13
 
 
 class Shared:
-    """Plain shapes of the same observations, and trials of the same questions in noise that differs by a factor."""
+    """Plain shapes and orders of the same observations; trials of the same questions in noise of another scale."""
 
     def __init__(self) -> None:
         self._generic: dict[int, Generic] = {}
+        self._orders: dict[int, tuple[Observations, list[PoolOrder]]] = {}
         self._trials: dict[Hashable, list[tuple[Noise, Trials]]] = {}
 
     def generic(self, given: Observations) -> Generic:
         """The plain shapes of some observations."""
         return self._generic.setdefault(id(given), Generic(given))
+
+    def orders(self, given: Observations) -> list[PoolOrder]:
+        """Along which the noise of some observations may be correlated."""
+        if id(given) not in self._orders:
+            self._orders[id(given)] = given, pool_orders(given)
+        return self._orders[id(given)][1]
 
     def trials(self, asked: Hashable, noise: Noise, count: Callable[[], Trials]) -> Trials:
         """What `count` gives of the questions that are `asked`, once for all noise that differs by a factor: neither

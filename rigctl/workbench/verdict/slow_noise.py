@@ -93,8 +93,8 @@ def _is_as_noise(attempt: Attempt, scored: Scored, alpha: float) -> bool:
 
 def _orders(attempt: Attempt) -> list[str]:
     """Along what noise that comes from the scatter is correlated here, or may be."""
-    if (pool := attempt.estimator.whole_pool) is not None and pool.order is not None:
-        return [pool.order]
+    if (pool := attempt.estimator.whole_pool) is not None and pool.order.name is not None:
+        return [pool.order.name]
     given, noise = attempt.model.observations, attempt.noise
     correlated = np.zeros(len(given.value), dtype=np.bool_)
     # Those known beforehand come first, and are no slow noise.

@@ -1,0 +1,89 @@
+"""Along which order the data of a pool may be correlated: what is the same of every model of these data."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.study import Observations
+from rigctl.workbench.verdict.kernels import kernel
+
+EXPONENTS = (1.0, 1.64, 2.4)
+"""Of power laws 1/f^a: flicker; what precision accelerometers show; near a random walk."""
+
+TIME_CONSTANTS = 6
+
+# A kernel of so many data is kept, and decomposed at a cost that grows as the cube.
+LARGEST_POOL = 400
+"""Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
+
+
+class PoolOrder:
+    """The data `where` of one pool along the covariate `name`, None for a pool that has no order."""
+
+    def __init__(self, given: Observations, where: IntArray, name: str | None) -> None:
+        self.where = where
+        self.name = name
+        self.group = given.group_of[where]
+        self._at = _usable(given.of_runs(name)[where]) if name is not None else None
+        self._made: dict[tuple[str, bytes], FloatArray] = {}
+        self._decomposed: dict[tuple[str, bytes], tuple[FloatArray, FloatArray]] = {}
+
+    @property
+    def correlated(self) -> bool:
+        """Whether there is an order along which to be correlated."""
+        # Of fewer times no correlation can be told from a level.
+        return self._at is not None and len(np.unique(self._at)) >= 4
+
+    @cached_property
+    def kernels(self) -> list[str]:
+        """Names of those that are tried."""
+        if not self.correlated:
+            return []
+        constants = np.geomspace(*self.time_scales, TIME_CONSTANTS)
+        return [f"exp {constant!r}" for constant in map(float, constants)] + [f"power {a:g}" for a in EXPONENTS]
+
+    def kernel(self, name: str, members: IntArray) -> FloatArray:
+        """Correlation of unit variance between data of one group, 0 between groups."""
+        if len(members) > LARGEST_POOL or name not in self.kernels:
+            return self._make(name, members)
+        key = (name, members.tobytes())
+        if key not in self._made:
+            self._made[key] = self._make(name, members)
+        return self._made[key]
+
+    def decomposed(self, name: str, members: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Eigenvalues and eigenvectors of that kernel."""
+        key = (name, members.tobytes())
+        if key not in self._decomposed:
+            self._decomposed[key] = np.linalg.eigh(self.kernel(name, members))
+        return self._decomposed[key]
+
+    @cached_property
+    def time_scales(self) -> tuple[float, float]:
+        """The shortest and the longest time between the data."""
+        assert self._at is not None
+        ordered = np.unique(self._at)
+        return float(np.median(np.diff(ordered))), float(ordered[-1] - ordered[0])
+
+    def _make(self, name: str, members: IntArray) -> FloatArray:
+        assert self._at is not None
+        apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
+        same = self.group[members][:, None] == self.group[members][None, :]
+        return np.where(same, kernel(name, apart, self.time_scales), 0.0)
+
+
+def pool_orders(given: Observations) -> list[PoolOrder]:
+    """Of those pools whose noise comes from the scatter."""
+    return [
+        PoolOrder(given, np.flatnonzero(given.pool_of == number), pool.order)
+        for number, pool in enumerate(given.pools)
+        if pool.dof <= 0.0 and np.any(given.pool_of == number)
+    ]
+
+
+def _usable(order: FloatArray) -> FloatArray | None:
+    """Times along which noise is correlated; None when some are unknown."""
+    return order if np.isfinite(order).all() else None
