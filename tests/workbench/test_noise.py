@@ -15,8 +15,8 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import NoisePool, Observations, Series, SharedOffset
 from rigctl.workbench.verdict.noise import Correlation, Noise, orthonormal
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
-from rigctl.workbench.verdict.pool_order import pool_orders
 from rigctl.workbench.verdict.offsets import without_offsets
+from rigctl.workbench.verdict.pool_order import pool_orders
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
 
 MINUTE = 60.0
