@@ -154,7 +154,8 @@ def _candidate(
         term=Term(effect.id, {"head": head} if head else {}),
         names=tuple(names),
         units=tuple(whole.units[column] for column in columns),
-        columns=slopes[:, columns],
+        # Side by side in memory, which an index in brackets does not keep.
+        columns=slopes.T[columns].T,
         typical=np.array(typical),
     )
 

@@ -235,8 +235,8 @@ class Generic:
         where, white = noise.whiten_rows(rows, stack)
         basis = projector.basis[where]
         # Q is never made: on the rows of the series it is columns less B shadow, elsewhere B shadow alone.
-        first = np.arange(len(second))
-        columns, shadow = white[:, first], basis.T @ white[:, first]
+        columns = white[:, : len(second)]
+        shadow = basis.T @ columns
         columns, shadow, size = _unit(columns, shadow, lengths(columns))
         along = projector.left[where] @ columns
         statistic, dimension = along**2, (size > 0.0).astype(np.intp)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +121,12 @@ class Projector:
             found.append((float(parts.sum()), len(parts)))
         return found
 
+    @cached_property
+    def _of_dof(self) -> list[tuple[float, IntArray]]:
+        """The data whose noise is known from so many degrees of freedom each."""
+        known = np.unique(self._dof[np.isfinite(self._dof)])
+        return [(float(dof), np.flatnonzero(self._dof == dof)) for dof in known]
+
     def dof_of(self, basis: FloatArray) -> float:
         """Degrees of freedom of the noise that a statistic on `basis` meets (Satterthwaite)."""
         return float(self.dof_of_each(basis[:, None, :])[0])
@@ -129,10 +136,9 @@ class Projector:
         if self.one_dof is not None:
             return np.full(bases.shape[1], self.one_dof)
         share = np.sum(bases[: self.data] ** 2, axis=2)
-        known = np.isfinite(self._dof)
         spread = np.zeros(share.shape[1])
-        for dof in np.unique(self._dof[known]):
-            spread += np.sum(share[self._dof == dof], axis=0) ** 2 / dof
+        for dof, members in self._of_dof:
+            spread += np.sum(share[members], axis=0) ** 2 / dof
         total = np.sum(share, axis=0)
         for frame, dof in self._between:
             inside = np.einsum("ng,nkd->gkd", frame, bases[: self.data], optimize=True)
