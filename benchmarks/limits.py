@@ -194,7 +194,7 @@ def draws(_: Path) -> Found:
         floor.append(share * processor_s(lambda: [rng.standard_normal(out=memory) for _ in range(100)]))
     draw_s, noise_s = statistics.median(ours), statistics.median(floor)
     yield Row("in flight: a draw of ten sessions", draw_s, "s", noise_s, "its noise drawn by numpy", 0.35)
-    peak = python(ROOT / "benchmarks" / "inflight_speed.py", "--turns", "1").peak_mb
+    peak = python(ROOT / "benchmarks" / "inflight_speed.py", "--turns", "1", may_miss_targets=True).peak_mb
     yield Row("its memory, forty orbits' weights among it", peak, "MB", goal=200.0)
 
 
