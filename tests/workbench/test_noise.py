@@ -17,7 +17,7 @@ from rigctl.workbench.verdict.noise import Correlation, Noise, orthonormal
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 from rigctl.workbench.verdict.offsets import without_offsets
 from rigctl.workbench.verdict.pool_order import pool_orders
-from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
+from rigctl.workbench.verdict.saturated import Hidden, above_rounding, rounding_of, saturated
 
 MINUTE = 60.0
 
@@ -348,6 +348,28 @@ def test_columns_that_concern_a_few_groups_are_whitened_as_all_are() -> None:
     one_by_one = np.stack([noise.whiten(column) for column in columns.T], axis=1)
     np.testing.assert_allclose(noise.whiten(columns), one_by_one, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(noise.colour(noise.whiten(columns)), columns, atol=1e-12)
+
+
+@pytest.mark.parametrize(("known_to", "directions"), [(1e-4, 2), (1e-8, 3)])
+def test_what_differs_from_other_columns_by_its_rounding_only_is_no_direction(
+    known_to: float, directions: int
+) -> None:
+    """A derivative by differences of which these data see a small part: the rest of it is rounding."""
+    rng, fitted = np.random.default_rng(6), line(40)
+    third = fitted @ [0.3, 0.7] + 1e-6 * rng.standard_normal(40)
+    basis = saturated(np.column_stack([third, fitted]), [], np.array([known_to, 1e-9, 1e-9]))
+    assert basis.shape == (40, directions)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(directions), atol=1e-12)
+    np.testing.assert_allclose(basis @ (basis.T @ fitted), fitted, atol=1e-12)
+
+
+def test_of_a_column_of_which_data_see_a_small_part_they_know_little() -> None:
+    derivatives = np.ones((60, 3))
+    derivatives[:20, 1], derivatives[:20, 2] = 1e-4, 0.0
+    rounding = rounding_of(derivatives, np.arange(20), np.ones(60))
+    # Of 60 rows of which 20 are seen.
+    np.testing.assert_allclose(rounding[:2], 1e-9 * np.sqrt([3.0, 2.0e8]), rtol=1e-6)
+    assert np.isinf(rounding[2])
 
 
 def test_what_is_known_of_an_order_is_the_same_for_every_model() -> None:

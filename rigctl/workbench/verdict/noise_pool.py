@@ -13,7 +13,7 @@ from rigctl.workbench.verdict.kernels import SlowNoise
 from rigctl.workbench.verdict.noise import Correlation, orthonormal
 from rigctl.workbench.verdict.offsets import in_units
 from rigctl.workbench.verdict.pool_order import LARGEST_POOL, PoolOrder
-from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
+from rigctl.workbench.verdict.saturated import MOST_ROUNDING, Hidden, rounding_of, saturated
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """Variance of the correlated part over the white part."""
@@ -49,9 +49,11 @@ class Pool:
     ) -> None:
         self.order = order
         self.where = where = order.where
-        fitted = in_units(given, where, required[where][:, above_rounding(required, where, given.sigma)])
+        rounding = rounding_of(required, where, given.sigma)
+        seen = rounding < MOST_ROUNDING
+        fitted = in_units(given, where, required[where][:, seen])
         hidden = [Hidden(in_units(given, where, each.columns), each.effect_of) for each in possible(where)]
-        self.basis = saturated(fitted, hidden)
+        self.basis = saturated(fitted, hidden, rounding[seen])
         self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)

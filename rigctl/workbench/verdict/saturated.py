@@ -20,8 +20,14 @@ SATURATED_SHARE = 2.0 / 3.0
 _INDEPENDENT = 1e-3
 # Of a length: columns that are centred already are all as long, and rounding is not to choose between them.
 _EARLIER = 1e-7
-_DIFFERENCES = 1e-6
-"""Of a column's length: what is left where a derivative by differences should be none."""
+ROUNDING = 1e-9
+"""Of a column's length: the rounding of a derivative by differences, at most."""
+
+MOST_ROUNDING = 1e-3
+"""Of a part of a column: with more of it the part says nothing."""
+
+_SURE = 10.0
+"""Columns with no more than so many times that rounding are told apart together."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +49,15 @@ class Hidden:
         return Hidden(columns[:, kept], self.effect_of[kept])
 
 
-def saturated(required: FloatArray, possible: Sequence[Hidden]) -> FloatArray:
+def saturated(required: FloatArray, possible: Sequence[Hidden], rounding: FloatArray | None = None) -> FloatArray:
     """Orthonormal basis of all that is fitted and, as far as enough data remain, of all that might be hidden.
 
-    `possible` in the order of precedence; what finds no room there stays in the noise estimate. An effect goes in
+    Each of the `required` columns is known to `rounding` of its length, if that is given. `possible` in the order of
+    precedence; what finds no room there stays in the noise estimate. An effect goes in
     with all of its span or not at all: of words the choice would else depend on which the others are counted from.
     """
     data = len(required)
-    basis = orthonormal(required, 1e-9)
+    basis = orthonormal(required, ROUNDING) if rounding is None else _beyond_rounding(required, rounding)
     # At least eight are left: below, a scale says next to nothing.
     most = int(min(data * (1.0 - SATURATED_SHARE), data - 8))
     for hidden in possible:
@@ -60,6 +67,23 @@ def saturated(required: FloatArray, possible: Sequence[Hidden]) -> FloatArray:
             seen = norms > 0.0
             unit = hidden.columns / np.where(seen, norms, 1.0)
             basis = np.hstack([basis, _further(basis, hidden.keep(unit, seen), room)])
+    return basis
+
+
+def _beyond_rounding(required: FloatArray, rounding: FloatArray) -> FloatArray:
+    """Orthonormal basis of what the required columns are but for their rounding.
+
+    A column that is another one but for its rounding would add a direction that is rounding only.
+    """
+    sure = rounding <= _SURE * ROUNDING
+    basis = orthonormal(required[:, sure], ROUNDING)
+    for number in sorted(np.flatnonzero(~sure), key=lambda each: rounding[each]):
+        unit = required[:, number] / np.linalg.norm(required[:, number])
+        left = unit - basis @ (basis.T @ unit)
+        left -= basis @ (basis.T @ left)
+        length = float(np.linalg.norm(left))
+        if length > rounding[number]:
+            basis = np.column_stack([basis, left / length])
     return basis
 
 
@@ -95,11 +119,16 @@ def _further(basis: FloatArray, hidden: Hidden, room: int) -> FloatArray:
     return np.hstack(taken)
 
 
+def rounding_of(columns: FloatArray, where: IntArray, sigma: FloatArray) -> FloatArray:
+    """Of the columns (n, k) at some of the data the share that the rounding of numerical derivatives may be, (k,)."""
+    whole = np.linalg.norm(columns / sigma[:, None], axis=0)
+    here = np.linalg.norm(columns[where] / sigma[where][:, None], axis=0)
+    return np.asarray(ROUNDING * np.divide(whole, here, out=np.full(len(here), np.inf), where=here > 0.0))
+
+
 def above_rounding(columns: FloatArray, where: IntArray, sigma: FloatArray) -> BoolArray:
     """Which of the columns (n, k) are larger at some of the data than the rounding of numerical derivatives, (k,).
 
     Scaled to unit length, a column of rounding errors would be projected out like a signal.
     """
-    whole = np.linalg.norm(columns / sigma[:, None], axis=0)
-    here = np.linalg.norm(columns[where] / sigma[where][:, None], axis=0)
-    return np.asarray(here > _DIFFERENCES * whole)
+    return rounding_of(columns, where, sigma) < MOST_ROUNDING
