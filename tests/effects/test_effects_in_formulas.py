@@ -22,7 +22,9 @@ HEADS = {
     f"laser_{i}_mm": HeadSettings(position=position, tilt_deg=TILT)  # type: ignore[arg-type]
     for i, position in ((1, "+x"), (2, "+y"), (3, "+z"))
 }
-ROUNDING = 4.0 * np.finfo(np.float64).eps
+# An amplitude is a sum of 32 products with weights that add up to 2 at most, rounded to half an epsilon at each: the
+# bound on its error, in units of the largest reading.
+ROUNDING = 32.0 * np.finfo(np.float64).eps
 SERIES = {(each.channel, each.component): i for i, each in enumerate(series_of(tuple(HEADS)))}
 Expected = Mapping[tuple[str, str], Any]
 

@@ -56,6 +56,8 @@ class PoolOrder:
 
     def decomposed(self, name: str, members: IntArray) -> tuple[FloatArray, FloatArray]:
         """Eigenvalues and eigenvectors of that kernel."""
+        if len(members) > LARGEST_POOL:
+            return np.linalg.eigh(self.kernel(name, members))
         key = (name, members.tobytes())
         if key not in self._decomposed:
             self._decomposed[key] = np.linalg.eigh(self.kernel(name, members))

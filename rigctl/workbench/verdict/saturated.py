@@ -78,11 +78,11 @@ def _beyond_rounding(required: FloatArray, rounding: FloatArray) -> FloatArray:
     sure = rounding <= _SURE * ROUNDING
     basis = orthonormal(required[:, sure], ROUNDING)
     for number in sorted(np.flatnonzero(~sure), key=lambda each: rounding[each]):
-        unit = required[:, number] / np.linalg.norm(required[:, number])
-        left = unit - basis @ (basis.T @ unit)
+        column = required[:, number]
+        left = column - basis @ (basis.T @ column)
         left -= basis @ (basis.T @ left)
         length = float(np.linalg.norm(left))
-        if length > rounding[number]:
+        if length > rounding[number] * np.linalg.norm(column):
             basis = np.column_stack([basis, left / length])
     return basis
 

@@ -174,12 +174,12 @@ class RecordingModel:
         here = self._here(values)
         first = self._chain.predict(here.given, stages=here.stages)
         present = np.ones(observe(first).shape, dtype=np.bool_) if present is None else present
-        accels = observe(first, lasers=False).shape[1]
+        accel_columns = observe(first, lasers=False).shape[1]
         slopes = np.zeros((len(self.parameters), np.count_nonzero(present)))
         rows = np.cumsum(present).reshape(present.shape) - 1
         stepped = self._stepped(here.given, here.stages, owners)
         for channels, alike in groupby(stepped, lambda each: _channels(each[0])):
-            own = slice(0 if channels.accel else accels, None if channels.lasers else accels)
+            own = slice(0 if channels.accel else accel_columns, None if channels.lasers else accel_columns)
             run, column = np.nonzero(present[:, own])
             row = rows[run, own.start + column]
             for family, upper, lower in alike:
