@@ -195,6 +195,21 @@ def test_the_bootstrap_never_makes_noise_from_the_scatter_more_certain(made_up: 
         assert law.dof <= attempt.noise.dof[-1]
 
 
+def test_what_is_drawn_hangs_on_no_rounding(made_up: Any) -> None:
+    """Draws of data of known noise, on which effects that the scatter's data share are held too."""
+    whole = made_up.catalogue()
+    both = {f"{a} {b}": whole[a] + whole[b] for a in ("roll", "pitch", "recoil") for b in ("square", "warm-bias")}
+    rounding = np.random.default_rng(1)
+    rounded = {name: column * (1.0 + 1e-15 * rounding.standard_normal(column.shape)) for name, column in both.items()}
+    laws = [
+        Search(made_up.study(3, effects=effects), (), 0.01, 0, print).attempt(()).bootstrap.law(name)
+        for effects in (both, rounded)
+        for name in both
+    ]
+    told = np.array([(law.scale, law.dof) for law in laws])
+    assert told[: len(both)] == pytest.approx(told[len(both) :], rel=1e-9)
+
+
 @pytest.mark.parametrize("name", ["white", "relaxing", "random walk"])
 def test_nothing_is_found_in_noise(made_up: Any, at_least: Any, name: str) -> None:
     """Alarms of catalogue and shapes together: 1.5 times nominal is the promise."""

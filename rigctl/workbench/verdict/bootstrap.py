@@ -98,21 +98,21 @@ def bootstrap(
     tried = [*(candidates[number].derivative for number in asked), *plain.T[:, :, None]]
     widths = np.array([columns.shape[1] for columns in tried], dtype=np.intp)
     jacobian, columns = fitted.model.jacobian(fitted.result.values), np.hstack([np.zeros((data, 0)), *tried])
-    known = np.setdiff1d(np.arange(len(fitted.left)), scatter)
+    # What priors say follows the data.
+    rows = len(fitted.left)
+    known = np.setdiff1d(np.arange(rows), scatter)
     whitened = fitted.jacobian[known], fitted.whitened_columns(columns)[known]
-    # Data of known noise are needed only along the columns: as many numbers are drawn as these span.
+    # Data of known noise are needed only along the columns. Drawn themselves, and not along this basis: how it is
+    # turned hangs on rounding.
     frame = orthonormal(np.hstack(whitened), 1e-9)
     above = frame.T @ whitened[0], frame.T @ whitened[1]
     drawn = np.zeros((DRAWS, len(tried)))
     dimensions = np.ones(len(tried), dtype=np.intp)
     together = max(_NUMBERS // data, 1)
     for start in range(0, DRAWS, together):
-        white = [
-            (rng.standard_normal(data), rng.standard_normal(frame.shape[1]))
-            for _ in range(min(together, DRAWS - start))
-        ]
-        noisy = np.zeros((data, len(white)))
-        noisy[scatter] = noise.colour(np.stack([each for each, _ in white], axis=1))[scatter]
+        white = rng.standard_normal((min(together, DRAWS - start), rows)).T
+        along, noisy = frame.T @ white[known], np.zeros((data, white.shape[1]))
+        noisy[scatter] = noise.colour(white[:data])[scatter]
         # Estimated in each draw as it is for the data: the tail is heavy because this estimate scatters.
         for place, estimated in enumerate(estimator.estimates(noisy)):
             below = estimated.whiten(np.hstack([noisy[:, [place]], jacobian, columns]))[scatter]
@@ -120,7 +120,7 @@ def bootstrap(
                 np.vstack([above[0], below[:, 1 : 1 + jacobian.shape[1]]]),
                 np.vstack([above[1], below[:, 1 + jacobian.shape[1] :]]),
                 widths,
-                np.concatenate([white[place][1], below[:, 0]]),
+                np.concatenate([along[:, place], below[:, 0]]),
             )
     effects: dict[str, list[tuple[FloatArray, int, float]]] = {}
     for place, number in enumerate(asked):
