@@ -13,6 +13,7 @@ import pytest
 
 from rigctl import Campaign
 from rigctl.campaign.store.store import Store
+from rigctl.workbench.workbench import Workbench
 
 RECORDING = """\
 format = 1
@@ -140,6 +141,22 @@ def test_fits_of_the_ladder_are_kept(bench: Any, monkeypatch: pytest.MonkeyPatch
     after = bench.rigctl("model", "history", bench.store, "--json")
     assert after.json == before.json
     assert after.err == ""
+
+
+@pytest.mark.parametrize("command", ["compare", "diagnose", "fit"])
+def test_what_was_asked_of_the_same_runs_is_not_worked_out_again(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    first = bench.rigctl(command, bench.store, "--json").out
+    with monkeypatch.context() as patch:
+        patch.setattr(Workbench, "study", property(lambda _: pytest.fail("the runs were read again")))
+        assert bench.rigctl(command, bench.store, "--json").out == first
+    bench.rigctl("mark", bench.store, "readings", "the frame was touched", "--invalid")
+    refused = bench.rigctl(command, bench.store, "--json")
+    assert refused.status == 2
+    assert refused.err.endswith(
+        "the readings are declared invalid (the frame was touched); mark them valid to use them\n"
+    )
 
 
 def test_what_is_removed_is_out_and_what_was_is_not_forgotten(bench: Any) -> None:

@@ -13,7 +13,6 @@ from rigctl.report.verdicts import (
     model_name,
     verdict_sentence,
 )
-from rigctl.workbench.model import versions
 from rigctl.workbench.workbench import ALPHA, Workbench
 
 
@@ -28,7 +27,7 @@ def model_in_force(bench: Workbench, tell: Callable[[str], None]) -> dict[str, A
     }
     if not bench.store.runs(valid_only=True):
         return {**said, "adequacy": "", "verdict": "", "inseparable": [], "warnings": [], "inadequate": ""}
-    fit = versions.kept_fit(bench.store, bench.plugin_files, version) or bench.fit(version).as_json()
+    fit = bench.model_fit()
     verdict, inseparable, lacks = _diagnosed(bench, tell)
     described = comparison_sentence(fit)
     p_value = fit["p_value"]
@@ -45,9 +44,8 @@ def model_in_force(bench: Workbench, tell: Callable[[str], None]) -> dict[str, A
 
 def _diagnosed(bench: Workbench, tell: Callable[[str], None]) -> tuple[str, list[str], str]:
     """The verdict, what cannot be told apart, and the verdict again where it speaks against the model."""
-    kept = versions.kept_diagnosis(bench.store, bench.plugin_files, bench.current, ALPHA)
     try:
-        diagnosis = kept or bench.diagnose(ALPHA, tell).as_json()
+        diagnosis = bench.diagnosis(ALPHA, tell)
     except UNFIT as error:
         return f"The model could not be diagnosed: {error}", [], ""
     verdict = verdict_sentence(diagnosis)

@@ -25,7 +25,7 @@ def compare(
 ) -> None:
     """The current model beside the data: where does it fail?"""
     with opened_workbench(store, plugin or ()) as workbench:
-        document = workbench.compare().as_json()
+        document = workbench.comparison()
         if with_ is not None:
             with opened_workbench(with_, plugin or ()) as other:
                 document["with"] = {"store": str(with_), **workbench.compare_with(other).as_json()}
@@ -47,13 +47,15 @@ def diagnose(
     """Which physical effect is missing? Adds nothing."""
     with opened_workbench(store, plugin or ()) as workbench:
         version = workbench.current
-        diagnosis = workbench.diagnose(alpha, tell)
-        if draft is not None:
+        if draft is None:
+            document = workbench.diagnosis(alpha, tell)
+        else:
             from rigctl.workbench.draft import drafted  # scipy, which only a draft needs here
 
+            diagnosis = workbench.diagnose(alpha, tell)
             draft.write_text(drafted(workbench, diagnosis), encoding="utf-8")
             tell(f"written: {draft}; name the physics in it, then `rigctl diagnose {store} --plugin {draft}`")
-        document = diagnosis.as_json()
+            document = diagnosis.as_json()
     document["model"]["version"] = version.version
     if as_json:
         print_json(document)
@@ -65,6 +67,5 @@ def diagnose(
 def fit(store: StoreFile, plugin: Plugins = None, as_json: Json = False) -> None:
     """Fit the current model and show its parameters."""
     with opened_workbench(store, plugin or ()) as workbench:
-        version = workbench.current
-        document = {"version": version.version, **workbench.fit(version).as_json()}
+        document = {"version": workbench.current.version, **workbench.model_fit()}
     (print_json if as_json else print_fit)(document)

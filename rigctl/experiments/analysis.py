@@ -11,7 +11,6 @@ from rigctl.analysis.measurement_result import MeasurementResult
 from rigctl.campaign.recording import RunSource
 from rigctl.core.experiments import part_of
 from rigctl.effects.plugins import Plugin
-from rigctl.workbench.fit_measurement import fit_measurement
 from rigctl.workbench.study import Study
 from rigctl.workbench.workbench import Workbench
 
@@ -56,5 +55,8 @@ def analysis_of(experiment: str, path: Path | str = "") -> Analysis:
 
 def measurement_result_of(workbench: Workbench) -> MeasurementResult:
     """The measurement result of a store, of any experiment; `DataError`, `ProcedureError` where there is none."""
+    # Here, for it brings scipy along, which what a store keeps already is told without.
+    from rigctl.workbench.fit_measurement import fit_measurement
+
     analysis = analysis_of(workbench.store.header.experiment, workbench.store.path)
     return analysis.measurement_result(workbench) if isinstance(analysis, Measuring) else fit_measurement(workbench)

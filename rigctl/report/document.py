@@ -122,10 +122,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
     rungs = bench.history(tell)
     comparisons = [bench.compare(version) for version in _side_by_side(bench, rungs, tell)]
     tell("diagnosing")
-    # What was diagnosed already is not asked again: a diagnosis takes minutes.
-    diagnosis = (
-        versions.kept_diagnosis(store, bench.plugin_files, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
-    )
+    diagnosis = bench.diagnosis(ALPHA, tell)
     tell("drawing")
     last = comparisons[-1]
     lines_hz = [float(term.choice["frequency_hz"]) for term in current.terms if "frequency_hz" in term.choice]
@@ -134,7 +131,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         rungs,
         comparisons,
         diagnosis,
-        fit=versions.kept_fit(store, bench.plugin_files, current) or bench.fit(current).as_json(),
+        fit=bench.model_fit(),
         ladder=ladder_plate(rungs),
         rankings=[ranking_plate(diagnosis)] if diagnosis["ranking"] else [],
         covariates=clearest_first(comparisons[0]),

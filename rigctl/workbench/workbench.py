@@ -105,6 +105,20 @@ class Workbench:
             self._keep_account()
         return found
 
+    def comparison(self) -> dict[str, Any]:
+        """`compare` of the current model as JSON; what the store keeps of the same question is not asked again."""
+        kept = versions.kept_comparison(self.store, self.plugin_files, self.current)
+        return kept or self.compare().as_json()
+
+    def model_fit(self) -> dict[str, Any]:
+        """`fit` of the current model, likewise."""
+        return versions.kept_fit(self.store, self.plugin_files, self.current) or self.fit().as_json()
+
+    def diagnosis(self, alpha: float = ALPHA, progress: Callable[[str], None] | None = None) -> dict[str, Any]:
+        """`diagnose`, likewise."""
+        kept = versions.kept_diagnosis(self.store, self.plugin_files, self.current, alpha)
+        return kept or self.diagnose(alpha, progress).as_json()
+
     @one_thread
     def compare_with(self, other: Workbench) -> Transfer:
         """The current model on another store: does what was fitted here hold there?"""

@@ -239,7 +239,10 @@ def _digits(values: FloatArray) -> TextArray:
 
 def _columns(source: RunSource) -> tuple[dict[str, FloatArray], dict[str, list[str]], dict[str, FloatArray]]:
     """Columns of numbers, of words, and of time stamps in seconds."""
-    conditions = next(record for record in source.runs() if record.run_id == READINGS).conditions
+    record = next(each for each in source.runs() if each.run_id == READINGS)
+    if not record.valid:
+        raise DataError(f"the readings are declared invalid ({record.reason}); mark them valid to use them")
+    conditions = record.conditions
     seconds = {name: seconds_of_stamps(texts) for name, texts in conditions.items()}
     words = {name: texts for name, texts in conditions.items() if seconds[name] is None}
     return source.samples(READINGS), words, {name: each for name, each in seconds.items() if each is not None}
