@@ -59,8 +59,7 @@ class LazyCommand(TyperCommand):
     def imported(self) -> Any:
         """The command in its module."""
         module = importlib.import_module(self._module)
-        if not gc.get_freeze_count():  # a process that runs several commands has garbage by the second
-            gc.freeze()
+        _collect_no_module()
         gc.enable()
         return self._command_of(module)
 
@@ -83,6 +82,12 @@ class LazyCommand(TyperCommand):
         if isinstance(command, TyperGroup) and command.name != self.name:
             return command.commands[str(self.name)]
         return command
+
+
+@cache
+def _collect_no_module() -> None:
+    """Once: a process that runs several commands has garbage by the second."""
+    gc.freeze()
 
 
 def _tree(module: str) -> ast.Module:
