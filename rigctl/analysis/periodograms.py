@@ -25,3 +25,17 @@ def periodograms(samples: FloatArray, step_s: float, length: int) -> tuple[Float
     if length % 2 == 0:
         densities[:, -1] *= 0.5
     return np.asarray(np.fft.rfftfreq(length, step_s)), np.asarray(densities)
+
+
+def fast_length(least: int) -> int:
+    """The next length that a transform takes fast: with no other factors than 2, 3 and 5."""
+    fastest = 1 << (least - 1).bit_length()
+    five = 1
+    while five < fastest:
+        three = five
+        while three < fastest:
+            twos = -(-least // three)
+            fastest = min(fastest, three << (twos - 1).bit_length())
+            three *= 3
+        five *= 5
+    return fastest

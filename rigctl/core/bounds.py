@@ -28,8 +28,8 @@ TABLE_BYTES = 64 * MIB
 TABLE_ROWS = 1_000_000
 """Readings of a table, or dwells of a pattern."""
 
-RUNS = 50_000
-"""Runs of a recording: a year of runs of ten minutes."""
+RUNS = 200_000
+"""Runs of a recording: four years of runs of ten minutes."""
 
 RUN_TEXT_BYTES = GIB
 """Of one run as .csv, after .gz: a day of three columns at 200 Hz. A longer one goes as .npz."""
@@ -52,7 +52,7 @@ LINE_CHARACTERS = MIB
 FILES = 2 * RUNS
 """In a bundle."""
 
-ZIP_DIRECTORY_BYTES = 32 * MIB
+ZIP_DIRECTORY_BYTES = 128 * MIB
 """Of a .zip's list of contents: 300 bytes for each of `FILES`."""
 
 ZIP_BYTES = 16 * GIB

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rigctl.campaign.bundle.bundle import import_bundle, import_report, read_bundle, salvage_bundle, write_bundle
-from rigctl.campaign.bundle.sample_file import csv_bytes
+from rigctl.campaign.bundle.files import BundleFiles
+from rigctl.campaign.bundle.sample_file import csv_bytes, read_sample_file
 from rigctl.campaign.bundle.writer import LONG_RUN_VALUES
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
 from rigctl.campaign.store.store import Store
@@ -407,3 +408,13 @@ def test_bundle_may_be_named_with_a_relative_path(sensing, monkeypatch):
     sensing.write()
     monkeypatch.chdir(sensing.path.parent)
     assert len(read_bundle(Path("night")).runs()) == 3
+
+
+def test_the_file_of_a_run_is_found_without_going_through_those_of_all_runs():
+    class Sizes(dict):
+        def __iter__(self):
+            pytest.fail("with a hundred thousand runs this takes longer than to read them")
+
+    sizes = Sizes({"runs/r1.csv": 8, "runs/r2.csv": 8})
+    files = BundleFiles(Path("bundle"), sizes, lambda _: io.BytesIO(b"t_s\n0\n1\n"))
+    assert read_sample_file(files, "r2", 2).columns["t_s"].tolist() == [0.0, 1.0]

@@ -7,7 +7,7 @@ import os
 import stat
 import unicodedata
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, KeysView
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -32,9 +32,9 @@ class BundleFiles:
     open_file: Callable[[str], BinaryIO]
 
     @property
-    def names(self) -> frozenset[str]:
+    def names(self) -> KeysView[str]:
         """Every file."""
-        return frozenset(self.sizes)
+        return self.sizes.keys()
 
     def place(self, name: str) -> Place:
         """The file `name` for messages."""

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigctl.analysis.kept import Progress
-from rigctl.analysis.measurement_result import MeasurementResult
 from rigctl.campaign.recording import RunSource
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
 from rigctl.experiments.inflight.observe.sessions import QUADRATIC
 from rigctl.experiments.inflight.observe.store_reduction import reduction
-from rigctl.experiments.inflight.result.budget import calibration_budget
-from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence
-from rigctl.experiments.inflight.result.measurement import calibration_measured, study_measured
 from rigctl.experiments.inflight.result.monte_carlo import DRAW, Draw, tables
-from rigctl.experiments.inflight.result.result import calibration, systematic
-from rigctl.experiments.inflight.study import InflightStudy
-from rigctl.workbench.fit_measurement import fit_measurement
-from rigctl.workbench.verdict.attempt import Attempt
-from rigctl.workbench.workbench import Workbench
+
+# What fits and tells results is imported where it is used: reducing samples needs none of it.
+if TYPE_CHECKING:
+    from rigctl.analysis.measurement_result import MeasurementResult
+    from rigctl.experiments.inflight.study import InflightStudy
+    from rigctl.workbench.workbench import Workbench
 
 
 def reduced(source: RunSource, progress: Progress) -> Mapping[str, str]:
@@ -31,6 +27,8 @@ def reduced(source: RunSource, progress: Progress) -> Mapping[str, str]:
 
 def study(source: RunSource, plugins: Sequence[Plugin]) -> InflightStudy:
     """A recording's runs as the workbench sees them."""
+    from rigctl.experiments.inflight.study import InflightStudy
+
     return InflightStudy(source, plugins)
 
 
@@ -52,6 +50,9 @@ def result(workbench: Workbench) -> dict[str, Any]:
 
 def measurement_result(workbench: Workbench) -> MeasurementResult:
     """The ten parameters with what no session sees, and delta where it was tested; of a study mean errors."""
+    from rigctl.experiments.inflight.result.measurement import calibration_measured, study_measured
+    from rigctl.workbench.fit_measurement import fit_measurement
+
     draws = [Draw.from_json(document.data) for document in workbench.store.documents(DRAW)]
     if draws:
         return study_measured(draws)
@@ -64,6 +65,13 @@ def analyse(workbench: Workbench) -> InflightResult:
     draws = [Draw.from_json(document.data) for document in workbench.store.documents(DRAW)]
     if draws:
         return InflightResult(tables(draws, workbench.store.header.constants))
+    from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
+    from rigctl.experiments.inflight.result.budget import calibration_budget
+    from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence
+    from rigctl.experiments.inflight.result.result import calibration, systematic
+    from rigctl.experiments.inflight.study import InflightStudy
+    from rigctl.workbench.verdict.attempt import Attempt
+
     studied = workbench.study
     assert isinstance(studied, InflightStudy)
     version = workbench.current

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import fft
 
+from rigctl.analysis.periodograms import fast_length
 from rigctl.core.arrays import FloatArray
 
 FAST = ("m1", "m2", "y", "z")
@@ -37,10 +37,10 @@ def fast_noise(rows: FloatArray, columns: Mapping[str, FloatArray], step_s: floa
         return np.zeros((len(rows), len(FAST), len(FAST)))
     density = _density(columns, count, segments, step_s)
     # On both sides of each bin of the samples' spectrum lie many of the weights'.
-    length = fft.next_fast_len(2 * rows.shape[1], real=True)
+    length = fast_length(2 * rows.shape[1])
     step_hz = 1.0 / (length * step_s)
     bins = np.minimum(np.rint(step_hz * np.arange(length // 2 + 1) / f_hz[1]).astype(np.intp), len(f_hz) - 1)
-    power = np.array([np.bincount(bins, np.abs(fft.rfft(row, length)) ** 2, len(f_hz)) for row in rows]) * step_hz
+    power = np.array([np.bincount(bins, np.abs(np.fft.rfft(row, length)) ** 2, len(f_hz)) for row in rows]) * step_hz
     return np.asarray(np.einsum("rf,fij->rij", power[:, used], density[used]))
 
 

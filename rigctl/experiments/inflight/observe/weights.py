@@ -16,8 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy import fft
 
+from rigctl.analysis.periodograms import fast_length
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.published import published_weights
@@ -121,8 +121,8 @@ def response(row: FloatArray, step_s: float, density: Callable[[FloatArray], Flo
     It is not that of the density at the line: dropping 200 s leaves the published rows an edge, through which a
     density that grows with frequency comes in.
     """
-    count = fft.next_fast_len(2 * len(row), real=True)
-    spectrum = fft.rfft(row, count)
+    count = fast_length(2 * len(row))
+    spectrum = np.fft.rfft(row, count)
     step_hz, variance = 1.0 / (count * step_s), 0.0
     for start in range(1, len(spectrum), _AT_ONCE):
         power = np.abs(spectrum[start : start + _AT_ONCE]) ** 2
