@@ -171,10 +171,11 @@ def prepare_for_writing(connection: sqlite3.Connection) -> None:
 
 @contextmanager
 def without_log(connection: sqlite3.Connection) -> Iterator[None]:
-    """For a file that nobody knows yet: what is written goes into it at once, and not first into a log."""
+    """For a file that nobody knows yet: one transaction, which goes into it at once, and not first into a log."""
     # A half-filled file is deleted: nothing has to be undone in one that a power cut leaves.
     connection.execute("PRAGMA journal_mode = MEMORY").fetchone()
-    yield
+    with transaction(connection, durable=True):
+        yield
     prepare_for_writing(connection)
 
 
@@ -276,7 +277,13 @@ def snapshot(connection: sqlite3.Connection) -> Iterator[None]:
 
 @contextmanager
 def transaction(connection: sqlite3.Connection, *, durable: bool = False) -> Iterator[None]:
-    """One write transaction, rolled back on an error; `durable`: on stable storage when it has ended."""
+    """One write transaction, rolled back on an error; `durable`: on stable storage when it has ended.
+
+    Inside another it is a part of that.
+    """
+    if connection.in_transaction:
+        yield
+        return
     if durable:
         # Before the transaction, since SQLite refuses the change inside one.
         connection.execute("PRAGMA synchronous = FULL")

@@ -65,9 +65,9 @@ class Store:
 
     @contextmanager
     def filling(self) -> Iterator[None]:
-        """For a new store that has its name only when it is whole: half as much is written as with a log.
+        """For a new store that has its name only when it is whole: all is written at once, and without a log.
 
-        Readers and writer exclude each other meanwhile. The last durable change brings all to stable storage.
+        Readers and writer exclude each other meanwhile. Its end brings all to stable storage.
         """
         with schema.database_errors(self.path), schema.without_log(self._connection):
             yield
