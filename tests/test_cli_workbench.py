@@ -13,6 +13,7 @@ import pytest
 
 from rigctl import Campaign
 from rigctl.campaign.store.store import Store
+from rigctl.workbench.model.versions import last_diagnosis
 from rigctl.workbench.workbench import Workbench
 
 RECORDING = """\
@@ -157,6 +158,18 @@ def test_what_was_asked_of_the_same_runs_is_not_worked_out_again(
     assert refused.err.endswith(
         "the readings are declared invalid (the frame was touched); mark them valid to use them\n"
     )
+
+
+def test_a_diagnosis_that_is_asked_for_again_is_the_last_one(bench: Any) -> None:
+    first = bench.rigctl("diagnose", bench.store, "--json").json
+    assert bench.rigctl("diagnose", bench.store, "--alpha", "1e-60", "--json").json["suggested"] != first["suggested"]
+    for _ in range(2):
+        assert bench.rigctl("diagnose", bench.store, "--json").json == first
+    with Store.open(bench.store, readonly=True) as store:
+        last = last_diagnosis(store)
+        assert last is not None
+        assert last["suggested"] == first["suggested"]
+        assert len(store.documents("diagnosis")) == 3
 
 
 def test_what_is_removed_is_out_and_what_was_is_not_forgotten(bench: Any) -> None:

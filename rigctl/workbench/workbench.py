@@ -115,9 +115,15 @@ class Workbench:
         return versions.kept_fit(self.store, self.plugin_files, self.current) or self.fit().as_json()
 
     def diagnosis(self, alpha: float = ALPHA, progress: Callable[[str], None] | None = None) -> dict[str, Any]:
-        """`diagnose`, likewise."""
-        kept = versions.kept_diagnosis(self.store, self.plugin_files, self.current, alpha)
-        return kept or self.diagnose(alpha, progress).as_json()
+        """`diagnose`, likewise; it is the last one that was asked for."""
+        version = self.current
+        kept = versions.kept_diagnosis(self.store, self.plugin_files, version, alpha)
+        if kept is None:
+            return self.diagnose(alpha, progress).as_json()
+        # What is added next starts from what was said last.
+        if kept != versions.last_diagnosis(self.store) and not self.store.readonly:
+            versions.keep_diagnosis(self.store, self.plugin_files, version, alpha, kept)
+        return kept
 
     @one_thread
     def compare_with(self, other: Workbench) -> Transfer:
