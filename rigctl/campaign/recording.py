@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rigctl.campaign.table_constants import TableConstant, TableConstants, flaw_of_constants
@@ -158,6 +159,9 @@ class RunSource(Protocol):
     def runs(self, *, valid_only: bool = False) -> list[RunRecord]:
         """The finished runs in order."""
 
+    def run(self, run_id: str) -> RunRecord | None:
+        """One of them, by a look-up; None where there is no such run."""
+
     def samples(self, run_id: str) -> dict[str, FloatArray]:
         """The columns of one run, each of shape (samples,)."""
 
@@ -174,6 +178,14 @@ class Recording:
     def runs(self, *, valid_only: bool = False) -> list[RunRecord]:
         """The runs in order."""
         return [record for record in self.records if record.valid or not valid_only]
+
+    def run(self, run_id: str) -> RunRecord | None:
+        """One of them; None where there is no such run."""
+        return self._by_id.get(run_id)
+
+    @cached_property
+    def _by_id(self) -> Mapping[str, RunRecord]:
+        return {record.run_id: record for record in self.records}
 
     def samples(self, run_id: str) -> dict[str, FloatArray]:
         """The columns of one run, each of shape (samples,); `DataError` for an unknown run."""

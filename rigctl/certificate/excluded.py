@@ -24,6 +24,11 @@ class AllRunsValid(Store):
         del valid_only
         return [replace(run, valid=True) for run in super().runs(skip=skip)]
 
+    def run(self, run_id: str) -> RunRecord | None:
+        """One of them, likewise."""
+        run = super().run(run_id)
+        return None if run is None else replace(run, valid=True)
+
 
 @dataclass(frozen=True)
 class Change:

@@ -35,7 +35,7 @@ def run_dataset(source: RunSource, run_id: str) -> Dataset:
     The run's conditions are attributes of the dataset. `ConfigError` without xarray, `DataError` for an unknown run.
     """
     xarray = needed("xarray")
-    run = next((each for each in source.runs() if each.run_id == run_id), None)
+    run = source.run(run_id)
     if run is None:
         raise DataError(f"no run {run_id!r} in this recording; see the index of `runs_frame`")
     columns, channels = source.samples(run_id), source.header.channels

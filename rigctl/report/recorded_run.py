@@ -28,7 +28,7 @@ TIME = "t_s"
 def recorded_run(workbench: Workbench, run_id: str) -> RecordedRun:
     """A run of the store, or what its study takes for one, such as a row of a table; `DataError` for neither."""
     store = workbench.store
-    record = next((run for run in store.runs() if run.run_id == run_id), None)
+    record = store.run(run_id)
     if record is None:
         return _datum(workbench.study.model(workbench.current.terms).observations, run_id)
     facts = [f"{name} {_said(value)}" for name, value in record.conditions.items() if _said(value)]

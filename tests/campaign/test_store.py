@@ -17,6 +17,7 @@ from rigctl.campaign.store.header_json import header_to_json
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DamagedStore, DataError
 from rigctl.core.interfaces import Identity
+from rigctl.exchange.frames import run_dataset
 
 HEADER = Header(
     experiment="sensing-axis",
@@ -237,6 +238,17 @@ def test_mark_changes_validity_and_says_so_in_the_events(store):
     assert [e.data for e in store.events("mark")] == [{"run_id": "1", "valid": False, "reason": "door slammed"}]
     store.mark("1", valid=True, reason="")
     assert store.runs(valid_only=True)[0].run_id == "1"
+
+
+def test_a_run_is_looked_up_without_going_through_all(store, monkeypatch):
+    for number in range(3):
+        record(store, f"k{number}")
+    store.begin_run("k3", "s", {})
+    everything = store.runs()
+    monkeypatch.setattr(Store, "runs", lambda *_: pytest.fail("with a hundred thousand runs this takes two seconds"))
+    assert [store.run(str(number)) for number in (1, 2, 3)] == everything
+    assert store.run("4") is store.run("112") is None
+    assert run_dataset(store, "2").attrs["theta_deg"] == 0.25
 
 
 def test_mark_of_an_unknown_run_names_the_nearest(store):

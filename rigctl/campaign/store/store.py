@@ -143,6 +143,11 @@ class Store:
         records = (_record(row) for row in rows)
         return [run for run in records if run.state == "finished" and (run.valid or not valid_only)]
 
+    def run(self, run_id: str) -> RunRecord | None:
+        """One of the finished runs, by a look-up; None where there is no such run. `DamagedStore` as `runs`."""
+        found = [_record(row) for row in self._rows_of(run_id)]
+        return next((run for run in found if run.state == "finished"), None)
+
     def run_counts(self) -> tuple[int, int]:
         """How many runs are finished, and how many of them are declared invalid; cheap."""
         if self._rows.summed:
@@ -200,11 +205,14 @@ class Store:
             self._rows.append_event("mark", {"run_id": run_id, "valid": valid, "reason": reason}, None)
 
     def _run(self, run_id: str) -> Row:
-        rows = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))
-        # No checksum covers the index: it may lead nowhere. One that leads to another run does not verify.
-        if not (rows := rows or self._rows.rows("runs", "NOT INDEXED WHERE run_id = ?", (run_id,))):
+        if not (rows := self._rows_of(run_id)):
             raise DataError(f"{self.path}: no run {run_id}; {self._nearest(run_id)}")
         return rows[0]
+
+    def _rows_of(self, run_id: str) -> list[Row]:
+        rows = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))
+        # No checksum covers the index: it may lead nowhere. One that leads to another run does not verify.
+        return rows or self._rows.rows("runs", "NOT INDEXED WHERE run_id = ?", (run_id,))
 
     def _require_index(self) -> None:
         """Before runs are looked for by key in a file that is written: what is not found is measured again."""

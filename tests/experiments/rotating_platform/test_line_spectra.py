@@ -29,6 +29,9 @@ class Spoilt:
     def runs(self, *, valid_only: bool = False) -> list[RunRecord]:
         return self.source.runs(valid_only=valid_only)
 
+    def run(self, run_id: str) -> RunRecord | None:
+        return self.source.run(run_id)
+
     def samples(self, run_id: str) -> dict[str, FloatArray]:
         found = dict(self.source.samples(run_id))
         for period in self.periods:

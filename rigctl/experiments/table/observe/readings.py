@@ -239,7 +239,9 @@ def _digits(values: FloatArray) -> TextArray:
 
 def _columns(source: RunSource) -> tuple[dict[str, FloatArray], dict[str, list[str]], dict[str, FloatArray]]:
     """Columns of numbers, of words, and of time stamps in seconds."""
-    record = next(each for each in source.runs() if each.run_id == READINGS)
+    record = source.run(READINGS)
+    if record is None:
+        raise DataError("there are no readings in it; import the table again")
     if not record.valid:
         raise DataError(f"the readings are declared invalid ({record.reason}); mark them valid to use them")
     conditions = record.conditions
