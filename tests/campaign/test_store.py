@@ -1,6 +1,7 @@
 import json
 import os
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
-from rigctl.campaign.store import schema
+from rigctl.campaign.store import schema, synced
 from rigctl.campaign.store.header_json import header_to_json
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DamagedStore, DataError
@@ -238,6 +239,27 @@ def test_mark_changes_validity_and_says_so_in_the_events(store):
     assert [e.data for e in store.events("mark")] == [{"run_id": "1", "valid": False, "reason": "door slammed"}]
     store.mark("1", valid=True, reason="")
     assert store.runs(valid_only=True)[0].run_id == "1"
+
+
+def test_a_store_that_is_filled_is_one_transaction_and_no_note_is_ahead_of_it(tmp_path):
+    path = tmp_path / "filled.rig.sqlite"
+
+    def there():
+        with closing(sqlite3.connect(path)) as other:
+            return other.execute("SELECT COUNT(*) FROM runs").fetchone()[0]
+
+    with Store.create(path, HEADER) as store:
+        before = synced.read(path)
+        with store.filling():
+            record(store, "k0")
+            record(store, "k1")
+            assert there() == 0
+            assert synced.read(path) == before
+        assert there() == 2
+        record(store, "k2")
+        assert synced.read(path) != before
+    with Store.open(path, readonly=True) as store:
+        assert [run.key for run in store.runs()] == ["k0", "k1", "k2"]
 
 
 def test_a_run_is_looked_up_without_going_through_all(store, monkeypatch):

@@ -134,8 +134,9 @@ class CheckedRows:
                 if self._changes or durable:
                     # Inside the transaction: rows and ledger change together or not at all.
                     mark = ledger.enter(self.connection, self._changes, commits=int(durable))
-            # Only after the commit has been synced, so that the note is never ahead of the store.
-            if durable:
+            # Only after the commit has been synced, so that the note is never ahead of the store: a part of a larger
+            # transaction is not.
+            if durable and not self.connection.in_transaction:
                 self._note.write(mark)
 
     def put(self, table: str, *values: Any) -> int:
