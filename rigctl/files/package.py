@@ -197,6 +197,16 @@ class Package(Table):
                 "freedom; look for a sign or a face that was mistaken, or raise u_arcsec"
             )
 
+    @property
+    def states_requirement(self) -> bool:
+        """Whether somebody has stated it: the default is that of the paper's package (Lucente et al. 2022)."""
+        return "requirement_arcsec" in self.model_fields_set
+
+    @property
+    def states_host_frame(self) -> bool:
+        """Whether anything is known of the host's frame; else it is taken for the cube's."""
+        return not self.model_fields_set.isdisjoint({"uoaf_from_coc", "uoaf_directions"})
+
     def uoaf_rotation(self) -> FrameRotation:
         """R_UC with its uncertainty."""
         if not self.uoaf_directions:

@@ -94,6 +94,25 @@ def test_a_campaign_is_certified_verified_fitted_further_and_marked(desk: Any) -
     desk.rigctl("verify", out, desk.store).refused(1, f"run {run} was marked invalid since (knocked)")
 
 
+def test_what_a_recording_does_not_state_is_not_certified(desk: Any) -> None:
+    desk.campaign(("mountings = 1", "mountings = 2"))
+    stated = desk.run().json["result"]
+    assert stated["stated"] == {"requirement": True, "host_frame": True}
+    bundle, store, out = (desk.directory / name for name in ("bundle", "imported.rig.sqlite", "i.html"))
+    assert desk.rigctl("export", desk.store, bundle).status == 0
+    # A bundle has no rig file: neither a requirement nor the rotation into the host's frame.
+    assert desk.rigctl("import", bundle, "--store", store).status == 0
+    assert desk.rigctl("result", store, "--json").json["stated"] == {"requirement": False, "host_frame": False}
+    printed = " ".join(desk.rigctl("result", store).out.split())
+    assert "nobody has stated a requirement: no verdict" in printed
+    assert "Sensing axes in the host's frame" not in printed
+    assert desk.rigctl("certificate", store, "--out", out).status == 0
+    content, text = _content(out), _page(out).text
+    assert not [each["name"] for each in content["quantities"] if each.get("conformity")]
+    assert "No requirement was given; no statement of conformity is made." in text
+    assert "Components of axes are in the cube's frame" in text
+
+
 def test_a_table_is_certified_with_the_numbers_of_its_fit(table: Any) -> None:
     assert table.rigctl("model", "add", table.store, "power2[load_lb]").status == 0
     out = table.directory / "t.html"

@@ -29,6 +29,7 @@ def package_of(axes: Sequence[str]) -> Package:
     sensors = {c: {"gain_v_per_m_s2": k, "frequency_hz": 4.0, "q": 10.0} for c, k in GAINS.items()}
     return Package.model_validate(
         {
+            "requirement_arcsec": 100.0,
             "name": "ISA",
             "axes": {
                 name: {"cube_axis": name, "nominal": np.eye(3)["XYZ".index(name)].tolist(), "sensor": sensors}

@@ -189,6 +189,12 @@ def test_a_requirement_within_reach_is_drawn(two_axes, written, tmp_path):
     assert "requirement ±" not in texts(written / "fig15.svg")
 
 
+def test_a_requirement_that_nobody_has_stated_is_not_drawn(two_axes, tmp_path):
+    unstated = replace(two_axes.axes["X"], requirement_is_stated=False, requirement_arcsec=15.0)
+    plane_plate("fig15", unstated, two_axes.fit.model.package.axes["X"]).write(tmp_path)
+    assert "requir" not in texts(tmp_path / "fig15.svg")
+
+
 def test_nulls_are_the_fits(two_axes, written):
     rows = table(written / "nulls.csv")
     nulls = two_axes.fit.nulls()

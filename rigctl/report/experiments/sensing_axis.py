@@ -35,15 +35,17 @@ FITS = 8
 def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
     """Quick check, axes, nulls, angles and budget, as far as there are any, beside the reference values."""
     shown = [_quick_check(found["quick_check"])] if found.get("quick_check") else []
-    shown += (
-        [_axes(found["axes"], reference), _host(found["axes"], found.get("budget") or {})] if found["axes"] else []
-    )
+    budgets, stated = found.get("budget") or {}, found["stated"]
+    frame = "host's" if stated["host_frame"] else "cube's"
+    if found["axes"]:
+        verdicts = {name: _verdict(axis["pass"]) for name, axis in found["axes"].items() if stated["requirement"]}
+        shown += [_axes(found["axes"], verdicts, reference), _by_budget(found["axes"], verdicts, budgets, frame)]
     notes = [f"axis {name}: no result: {reason}" for name, reason in found.get("missing", {}).items()]
     notes += [f"ref: {reference['source']}"] if reference.get("source") else []
     shown.append(_nulls(found["nulls"], printed=not found["axes"]))
     shown += [_angles(found["angles"], reference.get("offset_deg", {}))] if found["angles"] else []
     shown += [ResultTable("", notes=notes, tab="Axes")] if notes else []
-    shown += [_budget(name, axis) for name, axis in (found.get("budget") or {}).items()]
+    shown += [_budget(name, axis, frame) for name, axis in budgets.items()]
     host = found.get("host") or {"axes": []}
     return [*shown, *([_correlation(host)] if len(host["axes"]) > 1 else [])]
 
@@ -88,7 +90,8 @@ def _out_of_plane(rows: Sequence[PlaneRow]) -> Picture:
     # Room for the lines at 2 sigma with their names, and for a null that lies beyond them.
     reach = max(2.2 * sigma, *(abs(row.out_of_plane_arcsec) * 1.1 for row in rows))
     levels = tuple((n * sigma, label) for n, label in ((2, "+2σ"), (1, "+σ"), (0, "0"), (-1, "−σ"), (-2, "−2σ")))
-    levels += ((required, "required"), (-required, "required"))
+    if np.isfinite(required):
+        levels += ((required, "required"), (-required, "required"))
     title = f"{rows[0].axis}: out of plane / arcsec"
     return Picture(title, tuple(lines), "mounting", y_range=(-reach, reach), levels=levels)
 
@@ -154,11 +157,16 @@ def _last_mounting(store: Store) -> list[RunRecord]:
     return [run for run in records if all(run.conditions.get(k) == records[-1].conditions.get(k) for k in keys)]
 
 
-def _axes(axes: Mapping[str, Any], reference: Mapping[str, Any]) -> ResultTable:
+def _verdict(passed: bool) -> str:
+    return "pass" if passed else "FAIL"
+
+
+def _axes(axes: Mapping[str, Any], verdicts: Mapping[str, str], reference: Mapping[str, Any]) -> ResultTable:
+    """Axes in the cube's frame; no `verdicts` where nobody has stated a requirement."""
     rows, printed = [], reference.get("axes", {})
     for name, axis in axes.items():
         numbers = [f"{axis['std_hc_2sigma_arcsec']:.2f}", f"{axis['theta_m_arcsec']:+.3f}", str(axis["vectors"])]
-        rows.append([name, *_components(axis["coc"]), *numbers, "pass" if axis["pass"] else "FAIL"])
+        rows.append([name, *_components(axis["coc"]), *numbers, verdicts.get(name, "")])
         # Rounding may leave a variance along the axis, which is zero, below zero.
         sigmas = [max(axis["covariance"][i][i], 0.0) ** 0.5 for i in range(3)]
         rows.append([" ±σ", *(f"{sigma:.1e}" for sigma in sigmas), "", "", "", ""])
@@ -172,25 +180,31 @@ def _axes(axes: Mapping[str, Any], reference: Mapping[str, Any]) -> ResultTable:
     note = (
         "half-cone: half-cone deviation at 2 sigma, mean: its mean, both in arcsec; n: null vectors; eq12: the axis "
         "by the paper's normal equations, to which its printed means belong; "
-        f"pass: half-cone up to {limits} arcsec"
+        + (f"pass: half-cone up to {limits} arcsec" if verdicts else "nobody has stated a requirement: no verdict")
     )
     columns = ["axis", "#x", "#y", "#z", "#half-cone", "#mean", "#n", "verdict"]
     marked = [row[-1] == "FAIL" for row in rows]
     return ResultTable("Sensing axes in the cube's frame", columns, rows, marked, [note], "Axes")
 
 
-def _host(axes: Mapping[str, Any], budgets: Mapping[str, Any]) -> ResultTable:
-    """The product: axes as the host sees them, with what the rotation into its frame is uncertain by."""
+def _by_budget(
+    axes: Mapping[str, Any], verdicts: Mapping[str, str], budgets: Mapping[str, Any], frame: str
+) -> ResultTable:
+    """The product: axes as the host sees them, with what the rotation into its frame is uncertain by; in the cube's
+    `frame` where nobody has stated how it stands in the host's."""
     rows = []
     for name, axis in axes.items():
         expanded = f"{max(budgets[name]['expanded_95_arcsec']):.2f}" if name in budgets else ""
-        rows.append([name, *_components(axis["uoaf"]), expanded, "pass" if axis["pass"] else "FAIL"])
+        rows.append([name, *_components(axis["uoaf"]), expanded, verdicts.get(name, "")])
         rows.append([" ±σ", *(f"{max(axis['uoaf_covariance'][i][i], 0.0) ** 0.5:.1e}" for i in range(3)), "", ""])
     note = "±σ: by the budget; U95: its expanded uncertainty, of the larger component"
     columns = ["axis", "#x", "#y", "#z", "#U95 / arcsec", "verdict"]
     marked = [row[-1] == "FAIL" for row in rows]
     notes = [note] if budgets else ["±σ: scatter and rotation into the frame; `rigctl result` has the budget"]
-    return ResultTable("Sensing axes in the host's frame", columns, rows, marked, notes, "Axes")
+    if frame != "host's":
+        notes.append("nobody has stated how the cube stands in the host's frame")
+    title = f"Sensing axes in the {frame} frame" + ("" if frame == "host's" else ", by the budget")
+    return ResultTable(title, columns, rows, marked, notes, "Axes")
 
 
 def _digits(reference: Mapping[str, Any], key: str, axis: str) -> str:
@@ -242,8 +256,8 @@ def _angles(angles: Mapping[str, Any], printed: Mapping[str, float]) -> ResultTa
     return ResultTable("Angles between axes", columns, rows, tab="Angles")
 
 
-def _budget(name: str, axis: Mapping[str, Any]) -> ResultTable:
-    """The uncertainty budget of an axis: two angles perpendicular to it, 1 sigma."""
+def _budget(name: str, axis: Mapping[str, Any], frame: str) -> ResultTable:
+    """The uncertainty budget of an axis in the `frame`: two angles perpendicular to it, 1 sigma."""
     rows = [[each["name"], each["type"], each["input"], *_arcsec(each["arcsec"])] for each in axis["contributions"]]
     rows.append(["combined", "", "", *_arcsec(axis["combined_arcsec"])])
     rows.append(["expanded (95 %)", "", "", *_arcsec(axis["expanded_95_arcsec"])])
@@ -253,7 +267,7 @@ def _budget(name: str, axis: Mapping[str, Any]) -> ResultTable:
     marked = [False] * (len(rows) - 2) + [True, True]
     columns = ["contribution", "type", "input", "#1", "#2"]
     return ResultTable(
-        f"Uncertainty of axis {name} in the host's frame / arcsec", columns, rows, marked, notes, "Budget"
+        f"Uncertainty of axis {name} in the {frame} frame / arcsec", columns, rows, marked, notes, "Budget"
     )
 
 

@@ -1,7 +1,7 @@
 """Axes, angles between them and half-cone deviations as one measurement result, with what they have in common.
 
-Axes are in the host's frame. What is one input for all axes (a laser's tilt, the cube, the rotation into the host's
-frame) correlates them; scatter and resonance are each axis' own.
+Axes are in the host's frame where that was stated, else in the cube's. What is one input for all axes (a laser's tilt,
+the cube, the rotation into the host's frame) correlates them; scatter and resonance are each axis' own.
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ def axes_measured(result: SensingAxisResult, budgets: Mapping[str, AxisBudget]) 
             "arcsec",
             "spread",
             f"axis {name}",
-            Limits(None, result.axes[name].requirement_arcsec, "requirement_arcsec of the rig file's package"),
+            Limits(None, result.axes[name].requirement_arcsec, "requirement_arcsec of the rig file's package")
+            if result.axes[name].requirement_is_stated
+            else None,
         )
         for name in axes
     ]
@@ -67,8 +69,11 @@ def axes_measured(result: SensingAxisResult, budgets: Mapping[str, AxisBudget]) 
             spread_source(f"number of null vectors of {name}", place, len(quantities), spread.value, n - 1.0)
         )
     remarks = [
-        "Components of axes are in the host's frame (UOAF). The half-cone deviation is twice the standard deviation "
-        "of the null vectors' angles out of their plane; its interval is that of a standard deviation.",
+        "Components of axes are in the host's frame (UOAF)."
+        if result.fit.model.package.states_host_frame
+        else "Components of axes are in the cube's frame: nobody has stated how it stands in the host's.",
+        "The half-cone deviation is twice the standard deviation of the null vectors' angles out of their plane; its "
+        "interval is that of a standard deviation.",
         *(f"Axis {name} has no result: {reason}" for name, reason in result.missing.items()),
         *(f"Budget of axis {name}: {budget.check.reason}." for name, budget in budgets.items()),
     ]

@@ -32,6 +32,7 @@ class AxisResult:
     vectors: FloatArray
     host: FrameRotation
     requirement_arcsec: float
+    requirement_is_stated: bool = True
 
     @property
     def passed(self) -> bool:
@@ -50,7 +51,14 @@ class SensingAxisResult:
     def as_json(self) -> dict[str, Any]:
         """The keys of `rigctl result --json`."""
         axes = {name: _axis_json(axis) for name, axis in self.axes.items()}
-        return {"axes": axes, "angles": self._angles(), "missing": dict(self.missing), "nulls": self._nulls()}
+        package = self.fit.model.package
+        return {
+            "axes": axes,
+            "angles": self._angles(),
+            "missing": dict(self.missing),
+            "nulls": self._nulls(),
+            "stated": {"requirement": package.states_requirement, "host_frame": package.states_host_frame},
+        }
 
     def _angles(self) -> dict[str, Any]:
         angles = {}
@@ -98,7 +106,8 @@ def axis_result(name: str, package: Package, nulls: Sequence[NullPoint]) -> Axis
     usable = [null for null in nulls if null.vector_coc is not None]
     vectors = np.array([null.vector_coc for null in usable]).reshape(-1, 3)
     plane = fit_plane(vectors, package.axes[name].nominal_axis)
-    return AxisResult(name, plane, tuple(usable), vectors, package.uoaf_rotation(), package.requirement_arcsec)
+    required = package.requirement_arcsec, package.states_requirement
+    return AxisResult(name, plane, tuple(usable), vectors, package.uoaf_rotation(), *required)
 
 
 def _axis_json(axis: AxisResult) -> dict[str, Any]:

@@ -43,10 +43,11 @@ class PlaneRow:
 
 def plane_plate(name: str, axis: AxisResult, settings: AxisSettings) -> Plate[PlaneRow]:
     """Make the figure of one axis."""
+    required = f", required {axis.requirement_arcsec:g} arcsec" if axis.requirement_is_stated else ""
     caption = (
         f"Null vectors of axis {axis.name} about their non-sensitivity plane. (a) Angle out of the fitted plane with "
         f"1 sigma of each vector's own fit; bands: 1 and 2 half-cone standard deviations (eq. 16), 2 sigma_hc = "
-        f"{axis.plane.std_hc_2sigma_arcsec:.2f} arcsec, required {axis.requirement_arcsec:g} arcsec; mean "
+        f"{axis.plane.std_hc_2sigma_arcsec:.2f} arcsec{required}; mean "
         f"out-of-plane angle {axis.plane.theta_m_arcsec:+.3f} arcsec (eq. 19). (b) Directions of the vectors in the "
         f"plane, with mean and standard deviation of their angles from the cube's axis."
     )
@@ -69,7 +70,7 @@ def _rows(axis: AxisResult, settings: AxisSettings) -> list[PlaneRow]:
             f"{'xyz'[j]}_coc",
             f"{'xyz'[k]}_coc",
             axis.plane.sigma_hc_rad / ARCSEC,
-            axis.requirement_arcsec,
+            axis.requirement_arcsec if axis.requirement_is_stated else math.nan,
         )
         for null, out, within in zip(axis.nulls, axis.plane.half_cone_rad, angles, strict=True)
     ]
@@ -138,8 +139,8 @@ def _draw_bands(axes: Axes, rows: Sequence[PlaneRow]) -> None:
             axes.text(1.01, sign * sigma, label, share_x=True)
     axes.axhline(0.0, color=INK, linewidth=0.6, zorder=1)
     reach = max(2.0 * sigma, *(abs(row.out_of_plane_arcsec) + row.sigma_fit_arcsec for row in rows))
-    title = f"axis {rows[0].axis}: half-cone 2σ = {2.0 * sigma:.1f}″, required {requirement:g}″"
-    axes.set_title(title)
+    required = "" if math.isnan(requirement) else f", required {requirement:g}″"
+    axes.set_title(f"axis {rows[0].axis}: half-cone 2σ = {2.0 * sigma:.1f}″{required}")
     if requirement <= IN_RANGE * reach:
         reach = max(reach, requirement)
         axes.axhline(requirement, color=SOFT, linestyle="--", label=f"requirement ±{requirement:g}″")
