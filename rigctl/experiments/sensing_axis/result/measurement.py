@@ -1,7 +1,7 @@
 """Axes, angles between them and half-cone deviations as one measurement result, with what they have in common.
 
-Axes are in the host's frame where that was stated, else in the cube's. What is one input for all axes (a laser's tilt,
-the cube, the rotation into the host's frame) correlates them; scatter and resonance are each axis' own.
+Axes are in the host's frame where that was stated, else in the cube's. What is one input for all axes (a laser's
+tilt, the cube, the rotation into the host's frame) correlates them; scatter and resonance are each axis' own.
 """
 
 from __future__ import annotations
