@@ -38,38 +38,40 @@ def import_(
     """Read a recording, ours or another laboratory's, into a store."""
     with import_bundle(bundle, store) as imported:
         report = import_report(imported) or ImportReport(len(imported.runs()))
-        read = _read(imported, report)
         # At once, so that the first question put to the store is as fast as every later one.
         left_out = _reduced(imported)
+        for run_id, why in left_out.items():
+            # What no fit can use is no valid run: every count, and a certificate, says so.
+            imported.mark(run_id, valid=False, reason=f"not reduced: {why}")
+        invalid = {**dict(report.invalid), **left_out}
+        read = _read(imported, len(invalid))
     if as_json:
         print_json(
             {
                 "runs": report.runs,
-                "invalid": dict(report.invalid),
+                "invalid": invalid,
                 "warnings": list(report.warnings),
                 "not_reduced": left_out,
             }
         )
         return
     say(read)
-    for run_id, why in report.invalid:
+    for run_id, why in invalid.items():
         say(f"run {run_id} invalid: {why}")
-    for why in left_out.values():
-        say(f"not reduced: {why}")
     for warning in report.warnings:
         say(f"warning: {warning}")
 
 
-def _read(store: Store, report: ImportReport) -> str:
+def _read(store: Store, invalid: int) -> str:
     """What was read: runs, or the rows of a table, which are one run."""
     if of_readings(store.header.experiment):
         rows = max(map(len, store.samples(READINGS).values()), default=0)
         return f"{counted(rows, 'row')} read into {store.path}"
-    return f"{counted(report.runs, 'run')} read into {store.path}, {len(report.invalid)} of them invalid"
+    return f"{counted(len(store.runs()), 'run')} read into {store.path}, {invalid} of them invalid"
 
 
 def _reduced(store: Store) -> dict[str, str]:
-    """Reduce the valid runs once and for all, saying how fast; which were left out, and why."""
+    """Reduce the valid runs once and for all, saying how fast; of which that could not be done, and why."""
     began_s = said_s = time.monotonic()
 
     def progress(done: int, runs: int) -> None:
@@ -79,7 +81,8 @@ def _reduced(store: Store) -> dict[str, str]:
             said_s = now_s
             tell(f"{done} of {runs} runs reduced, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
 
-    return dict(analysis_of(store.header.experiment, store.path).reduced(store, progress))
+    left_out = analysis_of(store.header.experiment, store.path).reduced(store, progress)
+    return {run_id: why.removeprefix(f"run {run_id}: ") for run_id, why in left_out.items()}
 
 
 @app.command()

@@ -1,6 +1,7 @@
 """Runs that are kept but not trusted, and what is said about the others."""
 
 from rigctl.campaign.bundle.bundle import import_bundle, import_report, read_bundle, write_bundle
+from rigctl.campaign.store.store import Store
 
 
 def marked(path, run_id):
@@ -25,6 +26,19 @@ def test_missing_readings_of_the_sensor_make_a_run_invalid(sensing):
         sensing.set("runs/2.csv", line, "accel_v", text)
     record, _ = marked(sensing.write(), "2")
     assert (record.valid, record.reason) == (False, "accel_v: 3 of 400 samples missing, first in line 20")
+
+
+def test_a_run_that_no_fit_can_use_is_invalid(sensing, desk):
+    # The stage did not move: what the sensor shows is no response to a drive.
+    for line in range(2, 402):
+        sensing.set("runs/2.csv", line, "stage_x_mm", "0.0")
+    told = desk.rigctl("import", sensing.write(), "--store", desk.store, "--json").json
+    assert list(told["not_reduced"]) == ["2"]
+    assert told["invalid"]["2"] == told["not_reduced"]["2"]
+    assert desk.rigctl("status", desk.store, "--json").json["runs_invalid"] == len(told["invalid"])
+    with Store.open(desk.store, readonly=True) as store:
+        run = store.run("2")
+    assert (run.valid, run.reason) == (False, f"not reduced: {told['not_reduced']['2']}")
 
 
 def test_gap_is_reported_and_never_filled(sensing):
