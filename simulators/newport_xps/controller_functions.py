@@ -130,6 +130,8 @@ CONTROLLER_FUNCTIONS: dict[str, Function[Controller]] = {
     ),
     "GatheringRun": Function(Signature(("int", "int")), _gathering_run),
     "GatheringStop": Function(Signature(), _gathering_stop),
+    # The file stays on the controller's disk, which is not simulated.
+    "GatheringStopAndSave": Function(Signature(), _gathering_stop),
     "GatheringCurrentNumberGet": Function(_get("int", "int"), _gathering_number),
     "GatheringDataGet": Function(Signature(("int",), ("char",)), _gathering_line),
     "GatheringDataMultipleLinesGet": Function(Signature(("int", "int"), ("char",)), _gathering_lines),

@@ -75,6 +75,11 @@ def _reference(call: Call, selected: Selection) -> None:
         selected.group.set_position(positioner, call.numbers[0])
 
 
+def _of_spindles(_: Call, __: Selection) -> None:
+    # For spindle groups only, and none is simulated.
+    raise Refused(-8)
+
+
 GROUP_FUNCTIONS: dict[str, Function[Selection]] = {
     "GroupStatusGet": Function(Signature(outputs=("int",)), lambda _, selected: (str(int(selected.group.state)),)),
     "GroupPositionCurrentGet": _per_axis(Positioner.reading),
@@ -100,6 +105,9 @@ GROUP_FUNCTIONS: dict[str, Function[Selection]] = {
     "GroupReferencingStart": _at_once(Group.start_referencing),
     "GroupReferencingActionExecute": Function(Signature(("word", "word", "double")), _reference),
     "GroupReferencingStop": _at_once(Group.stop_referencing),
+    "GroupSpinParametersSet": Function(Signature(("double", "double")), _of_spindles),
+    "GroupSpinModeStop": Function(_DOUBLE_IN, _of_spindles),
+    "GroupSpinCurrentGet": Function(Signature(outputs=("double", "double")), _of_spindles),
 }
 
 

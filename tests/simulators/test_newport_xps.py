@@ -497,3 +497,15 @@ def test_numbers_are_written_with_twelve_digits(value: float) -> None:
     text = format_number(value)
     assert float(text) == pytest.approx(value, rel=1e-11)
     assert text != "-0"
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "GroupSpinParametersSet(Group1,10,80)",
+        "GroupSpinModeStop(Group1,80)",
+        "GroupSpinCurrentGet(Group1,double *,double *)",
+    ],
+)
+def test_functions_of_a_spindle_are_known_and_refused_to_another_group(call: str) -> None:
+    assert Bench().call(call) == f"-8,{call},EndOfAPI"

@@ -84,14 +84,15 @@ def test_a_long_gathering_outlasts_the_memory_of_the_axis(bench: Bench) -> None:
     assert rows[10, 0] == 40.0
 
 
-def test_stopping_keeps_what_there_is(bench: Bench) -> None:
+@pytest.mark.parametrize("stop", ["GatheringStop()", "GatheringStopAndSave()"])
+def test_stopping_keeps_what_there_is(bench: Bench, stop: str) -> None:
     bench.call(CONFIGURE)
     bench.call("GatheringRun(100,80)")
     bench.clock.sleep_s(0.105)
-    assert bench.call("GatheringStop()") == "0,,EndOfAPI"
+    assert bench.call(stop) == "0,,EndOfAPI"
     bench.clock.sleep_s(1.0)
     assert bench.call(NUMBER) == "0,11,500000,EndOfAPI"
-    assert bench.call("GatheringStop()") == "-30,GatheringStop(),EndOfAPI"
+    assert bench.call(stop) == f"-30,{stop},EndOfAPI"
     assert bench.call("GatheringReset()") == "0,,EndOfAPI"
     assert bench.call(NUMBER) == "0,0,500000,EndOfAPI"
 
