@@ -12,8 +12,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
+import numpy as np
+
 from drivers.keyence_examined import heads_and_line
 from drivers.keyence_line import KeyenceLine, main_command
+from drivers.keyence_setting import Setting, confirm
 from drivers.keyence_settings import AVERAGES, Generation, KeyenceSettings
 from drivers.keyence_values import parse_values
 from drivers.transport import Connect
@@ -22,6 +25,9 @@ from rigctl.core.clock import Clock
 from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkTimeout, WrongInstrument
 from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Channel, Identity, Reading
+
+READINGS = 3
+"""Of a current value, where a bit could turn: the middle one is taken."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,8 @@ class KeyenceController:
         self._dialect = settings.dialect
         self._clock = clock
         self._line = KeyenceLine(name, settings, connect, clock)
+        # False as long as its settings may be open: it then refuses to measure.
+        self._measuring = True
 
     def open(self) -> None:
         """Connect, return the controller to measuring and check its generation.
@@ -93,9 +101,15 @@ class KeyenceController:
         )
 
     def displacements(self) -> tuple[Reading, ...]:
-        """The value of each head now [mm], in the order of the settings; NaN when there is none."""
+        """The value of each head now [mm], in the order of the settings; NaN when there is none.
+
+        Of three where a bit could turn the middle one, of a target that moves as well.
+        """
         outputs = sorted(self.settings.heads.values())
-        values = dict(zip(outputs, self._current(outputs), strict=True))
+        with self._line.lock:
+            self._return_to_measuring()
+            readings = [self._current(outputs) for _ in range(1 if self._line.guarded else READINGS)]
+        values = dict(zip(outputs, np.median(readings, axis=0), strict=True))
         now_s = self._clock.now_s()
         return tuple(Reading(float(values[output]), "mm", now_s) for output in self.settings.heads.values())
 
@@ -113,6 +127,7 @@ class KeyenceController:
                     raise InstrumentError(
                         f"{self.name}: it still stores after AP; stop it on its panel", instrument=self.name
                     )
+            self._return_to_measuring()
 
     # Recording
 
@@ -128,22 +143,43 @@ class KeyenceController:
                 f"{self.settings.sampling_us:g} us; lower `sampling_us` or the rate"
             )
 
-    def _measuring_settings(self) -> list[str]:
+    def _measuring_settings(self) -> list[Setting]:
         dialect, settings = self._dialect, self.settings
-        average = AVERAGES.index(settings.averaging)
+        average = str(AVERAGES.index(settings.averaging))
         return [
-            f"SW,CA,{dialect.sampling_us.index(settings.sampling_us)}",
-            *(f"SW,OC,{dialect.output(output)},0,{average}" for output in settings.heads.values()),
+            Setting("CA", (str(dialect.sampling_us.index(settings.sampling_us)),)),
+            *(
+                Setting("OC", (dialect.output(output), "0", average), named=(1, 2))
+                for output in settings.heads.values()
+            ),
         ]
 
-    def _apply(self, commands: list[str]) -> None:
-        self._mode("Q0", self._dialect)
+    def _apply(self, settings: list[Setting]) -> None:
+        """Write settings and read them back: the replies to `SW` do not say what was written."""
+        with self._settings_open():
+            for setting in settings:
+                self._write(setting)
+                confirm(self._line, setting)
+
+    @contextmanager
+    def _settings_open(self) -> Iterator[None]:
+        """Settings are taken in communication mode; whatever happens there, it has to end in measuring."""
         try:
-            for command in commands:
-                self._ask_when_ready(command, self._dialect)
+            self._mode("Q0", self._dialect)
+            yield
         finally:
             # Left in communication mode it would refuse to measure.
+            self._return_to_measuring()
+
+    def _return_to_measuring(self) -> None:
+        """Close settings that may have been left open; where this fails, the next use does it."""
+        if not self._measuring:
             self._mode("R0", self._dialect)
+
+    def _write(self, setting: Setting) -> None:
+        # Another name: a turned bit has written another setting.
+        if (reply := self._ask_when_ready(setting.written, self._dialect)) != setting.name.encode():
+            raise self._line.bad(setting.written, reply, f"SW,{setting.name}")
 
     def _stored(
         self, output: int, samples: int, only_values: Callable[[bytes], bytes] = lambda text: text
@@ -171,12 +207,11 @@ class KeyenceController:
 
     def _current(self, outputs: list[int]) -> FloatArray:
         command = self._dialect.measure(outputs)
-        reply = self._line.ask(command)
-        fields = reply.split(b",")
-        if len(fields) < len(outputs):
+        reply = self._line.ask_repeated(command)
+        values = self._values(command, reply)
+        if len(values) != len(outputs):
             raise self._line.bad(command, reply, f"{len(outputs)} values")
-        # The LK-G5000 puts the number of the output before its value.
-        return self._values(command, b",".join(fields[-len(outputs) :]))
+        return values
 
     def _values(self, command: str, text: bytes) -> FloatArray:
         try:
@@ -212,8 +247,11 @@ class KeyenceController:
         )
 
     def _mode(self, command: str, dialect: Generation) -> None:
+        # Without a reply it may be in either.
+        self._measuring = False
         with self._already_so(dialect):
             self._line.ask(command, self.settings.mode_timeout_s)
+        self._measuring = command == "R0"
 
     @contextmanager
     def _already_so(self, dialect: Generation) -> Iterator[None]:

@@ -27,7 +27,11 @@ def heads_and_line(
     if guarded:
         yield ok("capability", "line", "a turned bit is noticed")
     else:
-        yield ok("capability", "line", "without parity every stored value is read twice; parity=E halves the time")
+        yield ok(
+            "capability",
+            "line",
+            "without parity stored values are read twice, others thrice; parity=E halves the time",
+        )
     for (name, output), reading in zip(settings.heads.items(), values(), strict=True):
         yield _head(name, output, reading)
 

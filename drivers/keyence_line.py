@@ -88,6 +88,18 @@ class KeyenceLine:
             raise self.bad(command, reply, f"a reply that begins with {main_command(command)}")
         return rest
 
+    def ask_repeated(self, command: str) -> bytes:
+        """What stands in the reply after the whole command, which it repeats; as `ask` otherwise."""
+        reply = self.ask(command)
+        # Of another output, or of another setting: a bit of the command or of the reply has turned.
+        _, _, repeated = command.encode().partition(b",")
+        if not repeated:
+            return reply
+        if not reply.startswith(repeated + b","):
+            self._conversation.doubt()
+            raise self.bad(command, reply, f"a reply that repeats {command}")
+        return reply.removeprefix(repeated + b",")
+
     def bad(self, command: str, reply: bytes, wanted: str) -> BadReply:
         """The error for a reply that the manual does not allow."""
         return BadReply(

@@ -64,7 +64,8 @@ class Lkg3001(KeyenceController):
     def _examine(self) -> Iterator[Finding]:
         period_s = 0.01
         longest_s = self.longest_record(period_s) * period_s
-        storage = " and ".join(self._known_form().commands(self._outputs, self.settings.samples_max, 0))
+        settings = self._known_form().settings(self._outputs, self.settings.samples_max, 0)
+        storage = " and ".join(setting.written for setting in settings)
         yield from own_clock(storage, self.settings.samples_max, longest_s, self.settings.start_u_s)
 
     def channels(self) -> tuple[Channel, ...]:
@@ -81,7 +82,8 @@ class Lkg3001(KeyenceController):
         """Set up a storage of all heads that lasts for `samples` edges `period_s` apart and a little longer.
 
         Raises `LimitError` when the controller cannot store that many, or samples more slowly than that;
-        `InstrumentError` when it refuses a setting (it is then measuring again).
+        `InstrumentError` when it refuses a setting, `BadReply` when one is read back as another (it is then measuring
+        again).
         """
         longest = self.longest_record(period_s)
         if not 1 <= samples <= longest:
@@ -97,7 +99,7 @@ class Lkg3001(KeyenceController):
             # Too many cost nothing: it is ended, and read, when the edges have come.
             fast = self._clock.speed if math.isfinite(self._clock.speed) else 1.0
             count = min(needed + math.ceil(max(fast, 1.0) * LEAD_S / cycle_s), self.settings.samples_max)
-            self._apply([*self._measuring_settings(), *form.commands(self._outputs, count, cycle)])
+            self._apply([*self._measuring_settings(), *form.settings(self._outputs, count, cycle)])
             # Old values must not be read as new ones.
             self._ask_when_ready("AQ", self._dialect)
             self._begun = _Begun(needed, cycle_s)
@@ -241,21 +243,18 @@ class Lkg3001(KeyenceController):
         )
 
     def _first_not_refused(self, forms: list[StorageForm]) -> StorageForm | None:
-        self._mode("Q0", self._dialect)
-        try:
+        with self._settings_open():
             for form in forms:
                 try:
-                    for command in form.commands(self._outputs, _TRIED, 0):
-                        self._ask_when_ready(command, self._dialect)
+                    # Not read back: what is stored tells.
+                    for setting in form.settings(self._outputs, _TRIED, 0):
+                        self._write(setting)
                 except InstrumentError as error:
                     if error.code not in _REFUSALS:
                         raise
                 else:
                     return form
             return None
-        finally:
-            # Left in communication mode it would refuse to measure.
-            self._mode("R0", self._dialect)
 
     def _stores_the_outputs(self) -> bool:
         """True when a storage set up just now counts values of all outputs used."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.keyence_controller import KeyenceController, Progress
 from drivers.keyence_examined import timing_input
+from drivers.keyence_setting import Setting
 from drivers.numbers import whole
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import EdgesMissing, InstrumentError, LimitError
@@ -48,7 +49,8 @@ class Lkg5000(KeyenceController):
         """Set up and start a storage of one value per head and edge of the TIMING input.
 
         Raises `LimitError` when the controller cannot store that many, or samples more slowly than the
-        edges come; `InstrumentError` when it refuses a setting (it is then measuring again).
+        edges come; `InstrumentError` when it refuses a setting, `BadReply` when one is read back as another (it is
+        then measuring again).
         """
         longest = self.longest_record(period_s)
         if not 1 <= samples <= longest:
@@ -63,8 +65,8 @@ class Lkg5000(KeyenceController):
             self._apply(
                 [
                     *self._measuring_settings(),
-                    f"SW,CF,{samples:07d},{BY_TIMING_INPUT:02d}",
-                    *(f"SW,OK,{output},1" for output in outputs),
+                    Setting("CF", (f"{samples:07d}", f"{BY_TIMING_INPUT:02d}")),
+                    *(Setting("OK", (output, "1"), named=(1,)) for output in outputs),
                 ]
             )
             # AQ empties the storage, AS starts it: old values must not be read as new ones.

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
+from drivers.keyence_setting import Setting
 from drivers.numbers import whole
 
 MANUAL = "LK-G series user's manual, pages 5-7 to 5-23"
@@ -36,10 +37,11 @@ class StorageForm:
     count_digits: int
     cycle_digits: int
 
-    def commands(self, outputs: frozenset[int], count: int, cycle: int) -> list[str]:
+    def settings(self, outputs: frozenset[int], count: int, cycle: int) -> list[Setting]:
         """Store `count` values of `outputs`; `cycle` is a number of `CYCLES`."""
-        how_often = f"{count:0{self.count_digits}d},{cycle:0{self.cycle_digits}d}"
-        return [f"SW,CI,{number},{how_often}" for number in self.targets[outputs]]
+        how_often = f"{count:0{self.count_digits}d}", f"{cycle:0{self.cycle_digits}d}"
+        # confirm: whether a question names the target, or is answered by it
+        return [Setting("CI", (str(number), *how_often), named=(0, 1)) for number in self.targets[outputs]]
 
 
 _TARGETS: Sequence[Mapping[frozenset[int], tuple[int, ...]]] = (

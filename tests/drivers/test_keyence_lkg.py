@@ -39,12 +39,13 @@ both_generations = pytest.mark.parametrize("generation", GENERATIONS)
 
 
 class Tap:
-    """Passes bytes on to another endpoint and may change what comes back."""
+    """Passes bytes on to another endpoint and may change them, and what comes back."""
 
     def __init__(self, endpoint: Endpoint) -> None:
         self.endpoint = endpoint
         self.sent = bytearray()
         self.on_send: Callable[[bytes], None] = lambda _: None
+        self.on_command: Callable[[bytes], bytes] = lambda data: data
         self.on_reply: Callable[[bytes], bytes] = lambda data: data
         self.hung_up = False
 
@@ -57,7 +58,7 @@ class Tap:
     def receive(self, data: bytes) -> None:
         self.sent += data
         self.on_send(data)
-        self._inner.receive(data)
+        self._inner.receive(self.on_command(data))
 
     def close(self) -> None:
         self._inner.close()
@@ -177,10 +178,10 @@ def test_the_second_generation_is_recorded_by_the_manuals_bytes() -> None:
         (b"R0\r", b"ER,R0,51\r"),
         (b"MS,01\r", b"MS,01,+00.0012\r"),
         (b"Q0\r", b"Q0\r"),
-        (b"SW,CA,5\r", b"SW,CA\r"),
-        (b"SW,OC,01,0,2\r", b"SW,OC\r"),
-        (b"SW,CF,0000003,10\r", b"SW,CF\r"),
-        (b"SW,OK,01,1\r", b"SW,OK\r"),
+        *((b"SW,CA,5\r", b"SW,CA\r"), (b"SR,CA\r", b"SR,CA,5\r")),
+        *((b"SW,OC,01,0,2\r", b"SW,OC\r"), (b"SR,OC,01\r", b"SR,OC,01,0,2\r")),
+        *((b"SW,CF,0000003,10\r", b"SW,CF\r"), (b"SR,CF\r", b"SR,CF,3,10\r")),
+        *((b"SW,OK,01,1\r", b"SW,OK\r"), (b"SR,OK,01\r", b"SR,OK,01,1\r")),
         (b"R0\r", b"R0\r"),
         (b"AQ\r", b"AQ\r"),
         (b"AS\r", b"AS\r"),
@@ -349,6 +350,145 @@ def test_a_return_to_measuring_that_takes_too_long_is_an_error() -> None:
         bench.lasers.arm(5, 0.05)
     assert refused.value.code == "51"
     assert refused.value.text == "status error"
+
+
+# Settings are believed when they are read back
+
+
+def once(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
+    """Spoils one message on its way."""
+    left = [old]
+
+    def spoil(data: bytes) -> bytes:
+        return data.replace(left.pop(), new) if left and left[0] in data else data
+
+    return spoil
+
+
+SPOILT_SETTINGS = [
+    ("lkg5000", b"SW,CA,8", b"SW,CA,0"),
+    ("lkg5000", b"SW,OC,01,0,0", b"SW,OC,01,0,4"),
+    ("lkg5000", b"SW,OC,01,0,0", b"SW,OC,01,1,0"),
+    ("lkg5000", b"SW,CF,0000010,10", b"SW,CF,0000010,00"),
+    ("lkg5000", b"SW,CF,0000010,10", b"SW,CF,0000050,10"),
+    ("lkg5000", b"SW,OK,02,1", b"SW,OK,02,0"),
+    ("lkg3001", b"SW,CA,5", b"SW,CA,4"),
+    ("lkg3001", b"SW,OC,2,0,0", b"SW,OC,2,0,1"),
+    ("lkg3001", b",03", b",02"),
+]
+"""Of each setting one bit, turned on the way to the controller, which answers as if nothing were wrong."""
+
+
+def set_up(bench: Bench, generation: str) -> None:
+    (bench.lasers.prepare if generation == "lkg3001" else bench.lasers.arm)(10, 0.01)
+
+
+@pytest.mark.parametrize(("generation", "written", "came"), SPOILT_SETTINGS)
+def test_a_setting_that_came_as_another_is_no_setting(generation: str, written: bytes, came: bytes) -> None:
+    bench = Bench(generation)
+    bench.lasers.open()
+    set_up(bench, generation)
+    bench.tap.on_command = once(written, came)
+    with pytest.raises(BadReply, match=r"SW,.* is .* when it is read back; bits turn on the line"):
+        set_up(bench, generation)
+    assert bench.lasers.displacements()[1].value == -2.0
+    set_up(bench, generation)
+
+
+def test_the_name_of_a_setting_that_came_as_another_is_told_by_the_reply() -> None:
+    bench = Bench("lkg5000")
+    bench.lasers.open()
+    # The unit on display, which every later value would be in.
+    bench.tap.on_command = once(b"SW,OK", b"SW,OI")
+    with pytest.raises(BadReply, match=r"SW,OK,01,1 was answered by b'OI', not by SW,OK"):
+        bench.lasers.arm(10, 0.01)
+
+
+def test_a_question_for_a_setting_that_names_more_of_it_is_tried_where_one_is_refused() -> None:
+    configured = settings("lkg5000", heads={"main_mm": 1})
+    lasers, conversation = talking(
+        configured,
+        *((b"R0\r", b"R0\r"), (b"MS,01\r", b"MS,01,+00.0012\r"), (b"Q0\r", b"Q0\r")),
+        *((b"SW,CA,8\r", b"SW,CA\r"), (b"SR,CA\r", b"SR,CA,8\r"), (b"SW,OC,01,0,0\r", b"SW,OC\r")),
+        *((b"SR,OC,01\r", b"ER,SR,61\r"), (b"SR,OC,01,0\r", b"SR,OC,01,0,0\r")),
+        *((b"SW,CF,0000003,10\r", b"SW,CF\r"), (b"SR,CF\r", b"SR,CF,0000003,10\r")),
+        *((b"SW,OK,01,1\r", b"SW,OK\r"), (b"SR,OK,01\r", b"SR,OK,01,1\r")),
+        *((b"R0\r", b"R0\r"), (b"AQ\r", b"AQ\r"), (b"AS\r", b"AS\r")),
+    )
+    lasers.open()
+    lasers.arm(3, 0.01)
+    assert not conversation.left
+
+
+# Whatever happens with its settings open ends in measuring
+
+
+@both_generations
+@pytest.mark.parametrize("spoilt", [b"", b"Q8\r", b"\xd10\r"])
+def test_a_spoilt_reply_to_the_opening_of_settings_leaves_it_measuring(generation: str, spoilt: bytes) -> None:
+    bench = Bench(generation)
+    bench.lasers.open()
+    bench.tap.on_reply = once(b"Q0\r", spoilt)
+    with pytest.raises((LinkTimeout, BadReply)):
+        set_up(bench, generation)
+    assert bytes(bench.tap.sent).endswith(b"R0\r")
+    assert bench.lasers.displacements()[1].value == -2.0
+
+
+@both_generations
+@pytest.mark.parametrize("use", ["displacements", "arm", "stop"])
+def test_settings_that_could_not_be_closed_are_closed_on_the_next_use(generation: str, use: str) -> None:
+    bench = Bench(generation)
+    bench.lasers.open()
+    bench.tap.on_command = lambda data: b"" if data == b"R0\r" else data
+    with pytest.raises(LinkTimeout, match="R0"):
+        set_up(bench, generation)
+    bench.tap.on_command = lambda data: data
+    if use == "arm":
+        set_up(bench, generation)
+    else:
+        getattr(bench.lasers, use)()
+    answers: list[bytes] = []
+    bench.tap.endpoint.connect(answers.append).receive(b"R0\r")
+    assert answers == [b"ER,R0,01\r" if generation == "lkg3001" else b"ER,R0,51\r"]
+    assert bench.lasers.displacements()[1].value == -2.0
+
+
+# Current values
+
+
+@pytest.mark.parametrize("other", [b"MM,011000000000,+02.5000,+03.5000\r", b"MM,110000000000,+02.5000\r"])
+def test_values_of_other_outputs_than_were_asked_for_are_refused(other: bytes) -> None:
+    bench = Bench("lkg5000")
+    bench.lasers.open()
+    bench.tap.on_reply = lambda data: other if data.startswith(b"MM") else data
+    with pytest.raises(BadReply, match="MM,110000000000 was answered by"):
+        bench.lasers.displacements()
+
+
+@both_generations
+@pytest.mark.parametrize("spoilt", [1, 2, 3])
+def test_on_a_line_without_parity_the_middle_one_of_three_readings_is_taken(generation: str, spoilt: int) -> None:
+    """Of a target that moves, a bit turned in one of them."""
+    bench = Bench(generation)
+    lasers = driver(bench.tap, bench.clock, settings(generation), guarded=False)
+    lasers.open()
+    readings = 0
+
+    def turn(data: bytes) -> bytes:
+        nonlocal readings
+        if not data.startswith((b"M0,", b"MM,")):
+            return data
+        readings += 1
+        bench.clock.sleep_s(0.1)
+        return data.replace(b"-02.", b"-42.").replace(b"+0", b"+4") if readings == spoilt else data
+
+    bench.tap.on_reply = turn
+    asked_s = bench.clock.now_s()
+    moving, standing = lasers.displacements()
+    assert readings == 3
+    assert ramp(np.array([asked_s]))[0] <= moving.value <= ramp(np.array([bench.clock.now_s()]))[0]
+    assert standing.value == -2.0
 
 
 # Limits and missing edges
