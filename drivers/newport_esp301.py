@@ -6,13 +6,16 @@ Where the sources are silent the driver decides:
 - The controller does not tell whether an axis is homed: the driver believes only a home search of its own,
   on the same connection, with the motor on ever since.
 - `WS` would hold up every later command, a stop too; motions are watched with `MD?` instead.
-- The end of a motion is compared with its target: a stage stopped from the front panel reports no error.
+- The end of a motion is compared with its target: a stage stopped from the front panel reports no error. A home
+  search has to be seen to move, and to end at zero.
+- Parameters are read back: a command that was lost on the line leaves no error either.
 """
 
 from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import re
 import statistics
 from collections.abc import Iterator
@@ -26,15 +29,13 @@ from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.core.errors import InstrumentError, LinkError, MotionStopped, RigError, SafetyStop
+from rigctl.core.errors import BadReply, InstrumentError, LinkError, MotionStopped, RigError, SafetyStop
 from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Identity, Reading
 
 UNIT_DEGREE = 7
 
 UNKNOWN_COMMAND = 6
-EMERGENCY_STOP, LIMITS, AXIS_ERRORS = 4, range(4, 8), 100
-"""Error codes: of an axis, its number is in the hundreds."""
 
 
 class Esp301Settings(RotationSettings):
@@ -125,13 +126,18 @@ class NewportEsp301:
         self._homed_in_session = 0
         self._line.clear_errors()
         self._prepare()
-        search = f"{self._axis}OR{self._settings.home_mode}"
+        # Without a number: that of OM, which has been read back.
+        search = f"{self._axis}OR"
         with self._keypad_locked():
             self._start(f"{self._axis}MO", stops)
+            # What still moves could be taken for the search.
+            self._await_rest(f"{self._axis}MO", self._settings.motion_timeout_s)
             self._start(search, stops)
             # Taken before waiting: a connection that was lost during the search is not the one it was begun on.
             session = self._line.session
+            self._await_begin(search, stops)
             self._finish(search, stops)
+            self._require_zero(search)
         self._homed_in_session = session
 
     def is_homed(self) -> bool:
@@ -146,7 +152,7 @@ class NewportEsp301:
     def safety_stop(self) -> str:
         """The emergency stop and the limits among the controller's errors, which are taken off its queue."""
         errors = itertools.takewhile(lambda error: error.code, self._queued())
-        return ", ".join(error.text for error in errors if _is_safety(error))
+        return ", ".join(error.text for error in errors if error.is_safety)
 
     def is_moving(self) -> bool:
         """True until the controller reports motion done."""
@@ -184,12 +190,26 @@ class NewportEsp301:
         return (self._line.next_error() for _ in range(ERRORS_QUEUED_MAX))
 
     def _prepare(self) -> None:
-        """Check the travel limits, set speed and ramps."""
+        """Check the travel limits, set speed, ramps and how to home."""
         low_deg, high_deg = (self._line.ask_number(f"{self._axis}{limit}?") for limit in ("SL", "SR"))
         self.limits.require_inside(self.name, low_deg, high_deg, "SL and SR")
-        self._command(f"{self._axis}VA{plain(self.limits.speed_deg_s)}")
-        self._command(f"{self._axis}AC{plain(self.limits.acceleration_deg_s2)}")
-        self._command(f"{self._axis}AG{plain(self.limits.acceleration_deg_s2)}")
+        self._set("VA", self.limits.speed_deg_s)
+        self._set("AC", self.limits.acceleration_deg_s2)
+        self._set("AG", self.limits.acceleration_deg_s2)
+        self._set("OM", self._settings.home_mode)
+
+    def _set(self, parameter: str, value: float) -> None:
+        """Set a parameter of the axis and read it back: of a command that never came no error tells."""
+        command = f"{self._axis}{parameter}{plain(value)}"
+        self._command(command)
+        there = self._line.ask_number(f"{self._axis}{parameter}?")
+        # The controller rounds to units of its own, and to four decimals.
+        if not math.isclose(there, value, rel_tol=1e-3, abs_tol=1e-4):
+            raise BadReply(
+                f"{self.name}: {command!r} is {there:g} when it is read back; check cable and baud rate, "
+                "and that nobody else uses the controller",
+                instrument=self.name,
+            )
 
     def _require_degrees(self) -> None:
         unit = self._line.ask_number(f"{self._axis}SN?")
@@ -208,6 +228,29 @@ class NewportEsp301:
             self._command(command)
             if self._stops != stops:  # by a signal handler of this thread
                 self._line.tell(f"{self._axis}ST")
+
+    def _await_begin(self, search: str, stops: int) -> None:
+        """See it move: a search that has not begun is done as well as one that has ended."""
+        deadline_s = self._clock.now_s() + self._settings.link_timeout_s
+        while not self.is_moving():
+            self._raise_if_stopped(search, stops)
+            self._check(search)
+            if self._clock.now_s() > deadline_s:
+                raise InstrumentError(
+                    f"{self.name}: {search!r} has not begun after {self._settings.link_timeout_s:g} s; check cable "
+                    "and baud rate, then home again",
+                    instrument=self.name,
+                )
+            self._clock.sleep_s(self._settings.poll_interval_s)
+
+    def _require_zero(self, search: str) -> None:
+        reached_deg = self.angle().value
+        if abs(reached_deg) > self._settings.arrival_tolerance_deg:
+            raise MotionStopped(
+                f"{self.name}: {search!r} ended at {reached_deg:g} deg, not at its zero, without an error; was it "
+                "stopped by hand?",
+                instrument=self.name,
+            )
 
     def _finish(self, command: str, stops: int) -> None:
         self._await_rest(command, self._settings.motion_timeout_s)
@@ -267,7 +310,7 @@ class NewportEsp301:
             raise self._failed(command, error)
 
     def _failed(self, command: str, error: QueuedError) -> InstrumentError:
-        kind = SafetyStop if _is_safety(error) else InstrumentError
+        kind = SafetyStop if error.is_safety else InstrumentError
         return kind(
             f"{self.name}: {command!r} failed with {error.code} ({error.text}); see the manual's error list",
             instrument=self.name,
@@ -278,12 +321,6 @@ class NewportEsp301:
     def _raise_if_stopped(self, command: str, stops: int) -> None:
         if self._stops != stops:
             raise MotionStopped(f"{self.name}: {command!r} was stopped", instrument=self.name)
-
-
-def _is_safety(error: QueuedError) -> bool:
-    """The emergency stop, or a limit of an axis."""
-    of_axis = error.code >= AXIS_ERRORS and error.code % AXIS_ERRORS in LIMITS
-    return of_axis or error.code == EMERGENCY_STOP
 
 
 DRIVER = DriverDeclaration(

@@ -21,6 +21,13 @@ END = b"\r\n"
 VERSION = "VE?"
 MODEL = re.compile(r"ESP\s?30\d")
 ERRORS_QUEUED_MAX = 64
+NO_ERROR = "NO ERROR DETECTED"
+EMERGENCY_STOP, LIMITS, AXIS_ERRORS = 4, range(4, 8), 100
+"""Error codes: of an axis, its number is in the hundreds."""
+UNREADABLE = -1
+"""In place of the code of an error whose text is that of a safety device."""
+SAFETY = re.compile(r"EMERGENCY STOP|(HARDWARE|SOFTWARE) LIMIT", re.IGNORECASE)
+"""What the texts of those have in them."""
 LINES = tuple(SerialSettings(baud=baud, rtscts=True) for baud in (921600, 19200))
 """How ESP301s are set: over its USB connector at 921 600 baud, and at 19 200 where drivers use its RS-232."""
 
@@ -32,13 +39,21 @@ class QueuedError:
     code: int
     text: str
 
+    @property
+    def is_safety(self) -> bool:
+        """The emergency stop, or a limit of an axis, by code or text: a turned bit must not erase one."""
+        of_axis = self.code >= AXIS_ERRORS and self.code % AXIS_ERRORS in LIMITS
+        return of_axis or self.code == EMERGENCY_STOP or bool(SAFETY.search(self.text))
+
 
 def parse_error(answer: str) -> QueuedError:
-    """Take an answer to `TB?` apart: code, timestamp, text; `ValueError` when it is something else."""
+    """Take an answer to `TB?` apart: code, timestamp, text; `ValueError` for all else, and where they disagree."""
     # The text may hold commas.
     code, timestamp, text = (field.strip() for field in answer.split(",", 2))
     if whole(timestamp) < 0 or whole(code) < 0:
         raise ValueError("expected 'code, timestamp, text'")
+    if (whole(code) == 0) != (text.upper() == NO_ERROR):
+        raise ValueError(f"only 0 is {NO_ERROR}")
     return QueuedError(whole(code), text)
 
 
@@ -114,7 +129,10 @@ class EspLine(UnacknowledgedLine):
         try:
             return parse_error(answer)
         except ValueError:
-            raise self._bad("TB?", answer, "'code, timestamp, text'") from None
+            # It has been taken off the queue: who asks again would not hear of it.
+            if SAFETY.search(answer):
+                return QueuedError(UNREADABLE, answer)
+            raise self._bad("TB?", answer, "'code, timestamp, text' that agree") from None
 
     def clear_errors(self) -> None:
         """Empty the controller's error queue."""

@@ -44,6 +44,7 @@ class EspAxis:
         self.soft_limits_deg = (settings.travel_min_deg, settings.travel_max_deg)
         self.decimals = settings.decimals
         self.unit = settings.unit
+        self.home_mode = 1
         self.inhibited = False
         """The emergency stop is pressed: the motor cannot be switched on."""
         self._clock = clock

@@ -120,7 +120,7 @@ def _motor_off(axis: EspAxis, command: Command) -> str | None:
 
 
 def _home(axis: EspAxis, command: Command) -> None:
-    mode = read_number(command.parameter or "1")
+    mode = read_number(command.parameter) if command.parameter else axis.home_mode
     if mode != int(mode):
         raise Refused(1, axis.number)
     axis.home(int(mode))

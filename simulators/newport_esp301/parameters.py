@@ -57,6 +57,10 @@ def _put_decimals(axis: EspAxis, value: float) -> None:
     axis.decimals = _whole(axis, value, 7)
 
 
+def _put_home_mode(axis: EspAxis, value: float) -> None:
+    axis.home_mode = _whole(axis, value, 6)
+
+
 PARAMETERS: dict[str, Parameter] = {
     "VA": Parameter(lambda axis: axis.speed_deg_s, EspAxis.set_speed),
     "AC": Parameter(lambda axis: axis.acceleration_deg_s2, _put_acceleration),
@@ -66,6 +70,7 @@ PARAMETERS: dict[str, Parameter] = {
     "SR": Parameter(lambda axis: axis.soft_limits_deg[1], _put_right_limit),
     "SN": Parameter(lambda axis: axis.unit, _put_unit, whole=True),
     "FP": Parameter(lambda axis: axis.decimals, _put_decimals, whole=True),
+    "OM": Parameter(lambda axis: axis.home_mode, _put_home_mode, whole=True),
     "DH": Parameter(lambda _: 0.0, EspAxis.define_position),
 }
 
@@ -80,7 +85,6 @@ def stored_defaults(settings: Esp301SimulatorSettings) -> dict[str, float]:
         "JW": 0.1 * settings.speed_deg_s,
         "OH": settings.home_speed_deg_s,
         "OL": 0.1 * settings.home_speed_deg_s,
-        "OM": 1.0,
         "SU": settings.resolution_deg,
         "FE": 1.0,
         "KP": 100.0,

@@ -8,14 +8,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class Esp301Dialect(BaseModel):
-    """What controllers of this family do one way or the other; the defaults make life hardest for a client."""
+    """What controllers of this family do one way or the other; the defaults are what drivers found on a real one."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     baud: Literal[19200, 921600] = 19200
     """What its line is set to: RS-232 as drivers found it, or as over its USB connector."""
-    keypad_lock: bool = False
-    """Is LC, which locks the keypad, understood?"""
+    keypad_lock: bool = True
+    """Is LC, which locks the keypad, understood? An older firmware may not know it."""
 
 
 class Esp301SimulatorSettings(BaseModel):

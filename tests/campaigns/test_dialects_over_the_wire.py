@@ -27,7 +27,6 @@ from rigctl.core.toml import to_toml
 from rigctl.files.campaign_file import read_campaign
 from simulators.aerotech_ensemble import GENTLE, EnsembleDialect
 from simulators.keyence_lkg import Lkg3001Dialect
-from simulators.newport_esp301.settings import Esp301Dialect
 from simulators.newport_xps.settings import XPS_D, XpsSimulatorSettings
 from tests.campaigns.lockstep import served
 from tests.campaigns.test_laser_dialects import ALONE, CAMPAIGNS, EASIEST, NULL, shipped
@@ -75,6 +74,7 @@ XPS_HARD = {
     if getattr(XPS_D, name) != getattr(XpsSimulatorSettings(), name)
 }
 ESP301_GENTLE = {"baud": 921600, "keypad_lock": True}
+ESP301_HARD = {"baud": 19200, "keypad_lock": False}
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def alone(family: str) -> list[Reading]:
         Reading("gentlest", "ESP301", {**rest, "rotation": esp301()}),
         *(
             Reading(f"{name} = {value}", "ESP301", {**rest, "rotation": esp301(**{name: value})})
-            for name, value in Esp301Dialect().model_dump().items()
+            for name, value in ESP301_HARD.items()
         ),
     ]
     return of_lasers + of_stage + of_xps + of_esp301 + of_meter

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -28,14 +30,20 @@ ANSWERS = {
     "1MD?": "1",
     "1TP?": "12.5001",
 }
+SEARCHED: dict[str, str | list[str]] = {"1MD?": ["1", "0", "1"], "1TP?": "0.0000"}
+"""How a home search goes that is begun and ends."""
 Script = dict[str, str | list[str]]
 
 
 @dataclass
 class Scripted:
-    """Answers queries from a script, a list reply by reply, an empty text not at all; commands get nothing."""
+    """Answers queries from a script, a list reply by reply, an empty text not at all; commands get nothing.
+
+    Parameters that were set are answered as they were; `on_the_way` spoils what comes, or loses it.
+    """
 
     script: Script
+    on_the_way: Callable[[str], str] = lambda line: line
     lines: list[str] = field(default_factory=list)
     sends: list[Callable[[bytes], None]] = field(default_factory=list)
     hung_up: bool = False
@@ -49,7 +57,10 @@ class Scripted:
         line = data.decode("ascii")
         assert line.endswith("\r")
         self.lines.append(line[:-1])
-        answer = self.script.get(line[:-1])
+        came = self.on_the_way(line[:-1])
+        if parameter := re.fullmatch(r"(\d(?:VA|AC|AG|OM))([\d.]+)", came):
+            self.script[f"{parameter[1]}?"] = parameter[2]
+        answer = self.script.get(came)
         if isinstance(answer, list):
             answer = answer.pop(0) if len(answer) > 1 else answer[0]
         if answer:
@@ -65,7 +76,7 @@ class Scripted:
 
 def opened(extra: Script | None = None, **settings: float) -> tuple[NewportEsp301, Scripted]:
     clock = VirtualClock()
-    controller = Scripted({**ANSWERS, **(extra or {})})
+    controller = Scripted(copy.deepcopy({**ANSWERS, **(extra or {})}))
     stage = NewportEsp301(
         "rotation", Esp301Settings(**settings), lambda: InProcessTransport("sim:esp", controller, clock), clock
     )
@@ -74,9 +85,11 @@ def opened(extra: Script | None = None, **settings: float) -> tuple[NewportEsp30
 
 
 def homed(extra: Script | None = None) -> tuple[NewportEsp301, Scripted]:
-    stage, controller = opened(extra)
+    """After a home search that went well; `extra` is what is answered from then on."""
+    stage, controller = opened(SEARCHED)
     stage.home()
     controller.lines.clear()
+    controller.script.update({**ANSWERS, **(extra or {})})
     return stage, controller
 
 
@@ -107,7 +120,7 @@ def test_an_error_queue_without_an_end_is_a_bad_reply() -> None:
 
 
 def test_homing_checks_the_axis_sets_it_up_and_looks_for_errors_after_each_command() -> None:
-    stage, controller = opened({"1MD?": ["0", "0", "1"]})
+    stage, controller = opened({"1MD?": ["1", "1", "0", "0", "1"], "1TP?": "0.0001"})
     controller.lines.clear()
     stage.home()
     assert controller.lines == [
@@ -116,25 +129,73 @@ def test_homing_checks_the_axis_sets_it_up_and_looks_for_errors_after_each_comma
         "TB?",
         "1SL?",
         "1SR?",
-        *("1VA10", "TB?", "1AC40", "TB?", "1AG40", "TB?"),
+        *("1VA10", "TB?", "1VA?", "1AC40", "TB?", "1AC?", "1AG40", "TB?", "1AG?", "1OM1", "TB?", "1OM?"),
         "LC1",
-        *("TB?", "1MO", "TB?"),
-        *("TB?", "1OR1", "TB?"),
-        *("1MD?", "1MD?", "1MD?"),
+        *("TB?", "1MO", "TB?", "1MD?"),
+        *("TB?", "1OR", "TB?"),
+        *("1MD?", "TB?", "1MD?", "1MD?", "1MD?"),
         "TB?",
+        "1TP?",
         "LC0",
     ]
 
 
 def test_axis_home_mode_and_speed_come_from_the_settings() -> None:
-    answers: Script = {f"2{query[1:]}": answer for query, answer in ANSWERS.items() if query.startswith("1")}
+    answers: Script = {f"2{query[1:]}": answer for query, answer in (ANSWERS | SEARCHED).items() if query[0] == "1"}
     stage, controller = opened(answers, axis_number=2, home_mode=4, speed_deg_s=2.5, acceleration_deg_s2=0.5)
     stage.home()
-    assert controller.commands() == ["2VA2.5", "2AC0.5", "2AG0.5", "2MO", "2OR4"]
+    assert controller.commands() == ["2VA2.5", "2AC0.5", "2AG0.5", "2OM4", "2MO", "2OR"]
+
+
+@pytest.mark.parametrize(
+    ("sent", "came"),
+    [("1VA10", ""), ("1VA10", "1VA18"), ("1AC40", ""), ("1AG40", "1AG00"), ("1OM1", "1OM3"), ("1OM1", "1OM0")],
+)
+def test_a_parameter_that_was_lost_or_spoilt_on_its_way_is_read_back(sent: str, came: str) -> None:
+    before: Script = {"1VA?": "4.0000", "1AC?": "20.0000", "1AG?": "20.0000", "1OM?": "3"}
+    stage, controller = opened({**SEARCHED, **before})
+    controller.on_the_way = lambda line: came if line == sent else line
+    with pytest.raises(BadReply, match=rf"rotation: '{sent}' is .* when it is read back"):
+        stage.home()
+    assert not {"1MO", "1OR"} & set(controller.lines)
+    controller.on_the_way = lambda line: line
+    stage.home()
+    assert stage.is_homed()
+
+
+def test_a_speed_is_read_back_as_the_controller_rounds_it() -> None:
+    stage, _ = opened({**SEARCHED, "1TP?": "0"}, speed_deg_s=3.3333333)
+    stage.home()
+    assert stage.is_homed()
+
+
+def test_a_home_search_that_never_began_is_none() -> None:
+    stage, controller = opened({"1TP?": "0.0000"})
+    with pytest.raises(InstrumentError, match="'1OR' has not begun after 2 s; check cable"):
+        stage.home()
+    assert stage.is_homed() is False
+    with pytest.raises(InstrumentError, match="not homed"):
+        stage.move_to(1.0)
+    assert "1PA1" not in controller.lines
+
+
+def test_why_a_home_search_does_not_begin_is_told_as_soon_as_it_is_known() -> None:
+    stage, controller = opened(SEARCHED)
+    controller.script["1MD?"] = "1"
+    controller.script["TB?"] = [*[NO_ERROR] * 11, "127, 1, INVALID TRAJECTORY FOR HOMING", NO_ERROR]
+    with pytest.raises(InstrumentError, match="'1OR' failed with 127"):
+        stage.home()
+
+
+def test_a_home_search_that_was_stopped_from_the_front_panel_is_no_reference() -> None:
+    stage, _ = opened({**SEARCHED, "1TP?": "-31.4000"})
+    with pytest.raises(MotionStopped, match=r"'1OR' ended at -31.4 deg, not at its zero.*stopped by hand"):
+        stage.home()
+    assert stage.is_homed() is False
 
 
 def test_a_move_is_sent_once_and_watched() -> None:
-    stage, controller = homed({"1MD?": ["1", "0", "0", "1"]})
+    stage, controller = homed({"1MD?": ["0", "0", "1"]})
     stage.move_to(12.5)
     assert controller.lines == [
         *("1SN?", "1MO?", "LC1", "TB?", "1PA12.5", "TB?"),
@@ -150,7 +211,7 @@ def test_targets_are_plain_decimals(angle_deg: float, text: str) -> None:
 
 
 def test_a_motor_switched_off_behind_our_back_must_be_homed_anew() -> None:
-    stage, controller = homed({"1MO?": ["1", "0", "0"]})
+    stage, controller = homed({"1MO?": "0"})
     assert stage.is_homed() is False
     with pytest.raises(InstrumentError, match="not homed"):
         stage.move_to(1.0)
@@ -191,7 +252,7 @@ def test_another_unit_or_narrow_limits_are_refused_before_the_motor_is_on() -> N
 
 
 def test_a_unit_that_somebody_changed_later_is_noticed_before_a_move_and_when_a_run_is_over() -> None:
-    stage, controller = homed({"1SN?": ["7", "0"]})
+    stage, controller = homed({"1SN?": "0"})
     for question in (stage.is_homed, lambda: stage.move_to(12.5)):
         with pytest.raises(InstrumentError, match="axis 1 counts in unit 0, not in degrees; set it up with SN7"):
             question()
@@ -199,21 +260,22 @@ def test_a_unit_that_somebody_changed_later_is_noticed_before_a_move_and_when_a_
 
 
 def test_stop_decelerates_and_waits_until_it_stands() -> None:
-    stage, controller = homed({"1MD?": ["1", "0", "1"]})
+    stage, controller = homed({"1MD?": ["0", "1"]})
     stage.stop()
     assert controller.lines == ["1ST", "1MD?", "1MD?"]
 
 
 def test_stop_that_has_no_effect_becomes_an_abort() -> None:
-    stage, controller = homed({"1MD?": ["1", "0"]})
+    stage, controller = homed({"1MD?": "0"})
     with pytest.raises(InstrumentError, match="'1ST' has not ended"):
         stage.stop()
     assert controller.commands() == ["1ST", "1AB"]
 
 
 def test_a_keypad_that_cannot_be_locked_is_left_alone() -> None:
-    stage, controller = opened({"TB?": [NO_ERROR, "6, 1, COMMAND DOES NOT EXIST", NO_ERROR]})
+    stage, controller = opened({**SEARCHED, "TB?": [NO_ERROR, "6, 1, COMMAND DOES NOT EXIST", NO_ERROR]})
     stage.home()
+    controller.script["1TP?"] = "12.5001"
     stage.move_to(12.5)
     assert [line for line in controller.lines if line.startswith("LC")] == ["LC0"]
 
@@ -259,14 +321,35 @@ def test_an_angle_that_is_no_number(answer: str) -> None:
         stage.angle()
 
 
-@pytest.mark.parametrize("answer", ["0", "0, 1", "x, 1, NO", "-1, 2, NO"])
+@pytest.mark.parametrize(
+    "answer", ["0", "0, 1", "x, 1, NO", "-1, 2, NO", "1, 2, NO ERROR DETECTED", "0, 2, FOLLOWING ERROR", "0, 2, "]
+)
 def test_an_error_report_of_another_form(answer: str) -> None:
     with pytest.raises(BadReply, match="code, timestamp, text"):
         opened({"TB?": answer})
 
 
+@pytest.mark.parametrize("bit", range(7))
+@pytest.mark.parametrize(
+    "sent", ["4, 2815140, EMERGENCY STOP ACTIVATED", "106, 2, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED"]
+)
+def test_a_turned_bit_in_the_code_erases_no_safety_stop(sent: str, bit: int) -> None:
+    stage, controller = homed()
+    turned = chr(ord(sent[0]) ^ 1 << bit) + sent[1:]
+    controller.script["TB?"] = [turned, NO_ERROR]
+    assert sent.rpartition(", ")[2] in stage.safety_stop()
+
+
+def test_a_turned_bit_in_the_answer_that_the_queue_is_empty_is_no_error() -> None:
+    stage, controller = homed()
+    for answer in ("4, 451322, NO ERROR DETECTED", "0, 451322, NO ERROS DETECTED"):
+        controller.script["TB?"] = [answer, NO_ERROR]
+        with pytest.raises(BadReply, match="that agree"):
+            stage.safety_stop()
+
+
 @given(
-    code=st.integers(0, 999),
+    code=st.integers(1, 999),
     timestamp=st.integers(0, 10**9),
     text=st.text(st.characters(min_codepoint=32, max_codepoint=126)).map(str.strip),
 )

@@ -112,8 +112,8 @@ SIMULATORS: dict[str, Callable[[SimulationClock, MotionAxis], Any]] = {
     "gcs2, gentle": lambda clock, axis: SimulatedGcs2(
         clock, axis, Gcs2SimulatorSettings(dialect=Gcs2Dialect(tells_unit=True, numbers="decimal", settle_s=0.0))
     ),
-    "esp301, keypad": lambda clock, axis: SimulatedEsp301(
-        clock, [axis], Esp301SimulatorSettings(dialect=Esp301Dialect(keypad_lock=True))
+    "esp301, no lock": lambda clock, axis: SimulatedEsp301(
+        clock, [axis], Esp301SimulatorSettings(dialect=Esp301Dialect(keypad_lock=False))
     ),
 }
 

@@ -234,6 +234,14 @@ def test_home_searches_end_where_their_mode_says(bench: Bench, mode: int, place_
     assert bench.send("1TP;1MD?;TE?") == ["0.0000", "1", "0"]
 
 
+def test_a_home_search_without_a_number_has_the_mode_that_was_set(bench: Bench) -> None:
+    assert bench.send("1OM?") == ["1"]
+    assert bench.send("1OM4;1OM?;TE?") == ["4", "0"]
+    bench.send("1MO;1OR")
+    assert bench.rest() == -170.0
+    assert bench.send("1OM7;TE?;1OM?") == ["101", "4"]
+
+
 def test_a_new_target_on_the_way_brakes_first(homed: Bench) -> None:
     homed.send("1PA100")
     homed.clock.sleep_s(2.0)
@@ -395,12 +403,12 @@ def test_numbers_have_their_decimals(value: float, decimals: int) -> None:
     assert len(text.partition(".")[2]) == decimals
 
 
-def test_the_keypad_is_locked_only_where_the_command_is_known(bench: Bench) -> None:
-    bench.send("LC1")
-    assert bench.error() == "6"
-    knows = Bench(dialect={"keypad_lock": True})
-    assert knows.send("LC1;LC?") == ["1"]
-    assert knows.send("LC0;LC?") == ["0"]
-    knows.send("LC2")
-    assert knows.error() == "7"
-    assert knows.controller.keypad_locked is False
+def test_the_keypad_is_locked_but_where_the_command_is_unknown(bench: Bench) -> None:
+    assert bench.send("LC1;LC?") == ["1"]
+    assert bench.send("LC0;LC?") == ["0"]
+    bench.send("LC2")
+    assert bench.error() == "7"
+    assert bench.controller.keypad_locked is False
+    ignorant = Bench(dialect={"keypad_lock": False})
+    ignorant.send("LC1")
+    assert ignorant.error() == "6"
