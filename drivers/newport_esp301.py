@@ -44,7 +44,6 @@ class Esp301Settings(RotationSettings):
     axis_number: int = Field(default=1, ge=1, le=3)
     home_mode: int = Field(default=1, ge=0, le=6)
     """The number behind `OR`: 0 zero count, 1 switch and index, 2 switch, 3-6 limits."""
-    arrival_tolerance_deg: float = Field(default=0.01, gt=0)
     poll_interval_s: float = Field(default=0.05, gt=0)
 
 

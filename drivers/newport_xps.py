@@ -4,7 +4,7 @@ Facts from Newport's programmer's manual and the drivers in public use (newportx
 BLISS). Motion functions block their socket until the motion has ended, so there are two: motions go over
 one; angle, status and stop over the other. Where the sources are silent the driver decides:
 
-- A motion that has not ended in time is stopped, never repeated.
+- A motion that has not ended in time is stopped, never repeated. One that is said to have ended is looked at.
 - A home search ignores `GroupMoveAbort`: it is stopped by killing the group, which must then be homed anew.
 - Speed and acceleration are set before the first motion, and the user travel limits in the controller must
   reach at least as far as the limits set here.
@@ -48,6 +48,7 @@ from rigctl.core.errors import (
     LinkError,
     LinkTimeout,
     MotionStopped,
+    OutOfStep,
     RigError,
     WrongInstrument,
 )
@@ -238,7 +239,9 @@ class NewportXps:
             # Two more exchanges only where the profile changes.
             if self._profile != (speed_deg_s, acceleration_deg_s2):
                 self._set_profile(speed_deg_s, acceleration_deg_s2)
-            self._move(f"GroupMoveAbsolute({self._group},{plain(angle_deg)})", stops)
+            request = f"GroupMoveAbsolute({self._group},{plain(angle_deg)})"
+            self._move(request, stops)
+            self._require_arrived(request, angle_deg)
 
     def _prepare(self) -> None:
         """Compare the travel limits and set speed and acceleration, keeping the jerk times."""
@@ -272,6 +275,23 @@ class NewportXps:
         if reply.code == ABORTED or (reply.code < 0 and self._stops != stops):
             raise self._stopped(request, str(reply.code))
         self._wire.check(request, reply)
+
+    def _require_arrived(self, request: str, angle_deg: float) -> None:
+        """`OutOfStep` when the reply was not this motion's: all are answered alike, and one may come twice."""
+        status, reached_deg = self._wire.status(), self.angle().value
+        # The other socket may be heard first, when nothing moves yet: hence also where it stands.
+        if status not in IN_MOTION and abs(reached_deg - angle_deg) <= self._settings.arrival_tolerance_deg:
+            return
+        self._motions.give_up()
+        # What goes on is stopped, as where no reply has come; that this fails as well must not hide why.
+        with contextlib.suppress(RigError):
+            self._halt()
+        early = OutOfStep(
+            f"{self.name}: {request!r} was answered at {reached_deg:g} deg in state {status}; a reply may have come "
+            "twice: it was stopped, measure again"
+        )
+        early.instrument = self.name
+        raise early
 
     @contextlib.contextmanager
     def _start(self, request: str, stops: int) -> Iterator[None]:

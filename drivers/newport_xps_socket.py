@@ -84,6 +84,10 @@ class XpsSocket:
         """`OutOfStep` when the firmware is not the answer to its question, or something else is unread."""
         self._conversation.confirm_in_step()
 
+    def give_up(self) -> None:
+        """Make a new connection for the next function: the reply to the last one may still come."""
+        self._conversation.doubt()
+
     def confirm_unless_busy(self) -> None:
         """As `confirm_in_step`, where no reply is awaited: that of a motion is still to come."""
         if self._conversation.lock.acquire(blocking=False):

@@ -50,7 +50,6 @@ class GcsSettings(RotationSettings):
     axis: str = Field(default="1", pattern=r"^\w{1,8}$")
     unit: Literal["unknown", "deg"] = "unknown"
     """What the axis counts in, for a controller that does not tell."""
-    arrival_tolerance_deg: float = Field(default=0.01, gt=0)
     poll_interval_s: float = Field(default=0.05, gt=0)
 
 

@@ -20,6 +20,7 @@ class RotationSettings(BaseModel):
     acceleration_deg_s2: float = Field(default=40.0, gt=0, allow_inf_nan=False)
     link_timeout_s: float = Field(default=2.0, gt=0)
     motion_timeout_s: float = Field(default=120.0, gt=0)
+    arrival_tolerance_deg: float = Field(default=0.01, gt=0)
 
     @property
     def limits(self) -> RotationLimits:

@@ -17,6 +17,8 @@ from simulators.motion import MotionAxis
 from simulators.newport_xps import SimulatedXps, XpsSimulatorSettings
 
 WIDE = {"travel_min_deg": -1e5, "travel_max_deg": 1e5, "speed_max_deg_s": 720.0, "acceleration_max_deg_s2": 400.0}
+ARRIVED = ["GroupStatusGet(Group1,int *)", "GroupPositionCurrentGet(Group1,double *)"]
+"""What is asked when a motion is said to have ended."""
 
 
 class Platform:
@@ -81,10 +83,13 @@ def test_the_words_of_a_turn_and_back_to_the_limits() -> None:
         "GroupPositionCurrentGet(Group1,double *)",
         "PositionerSGammaParametersSet(Group1.Pos,36,11.309734,0.02,0.02)",
         "GroupMoveAbsolute(Group1,180)",
+        *ARRIVED,
         "GroupPositionCurrentGet(Group1,double *)",
         "GroupMoveAbsolute(Group1,0)",
+        *ARRIVED,
         "PositionerSGammaParametersSet(Group1.Pos,100,60,0.02,0.02)",
         "GroupMoveAbsolute(Group1,5)",
+        *ARRIVED,
     ]
 
 
@@ -99,7 +104,7 @@ def test_a_turn_to_where_it_stands_is_a_move() -> None:
     platform = Platform()
     platform.stage.turn_to(90.0, 5.0)
     platform.stage.turn_to(90.0, 5.0)
-    assert platform.requests[-1] == "GroupMoveAbsolute(Group1,90)"
+    assert platform.requests[-3:] == ["GroupMoveAbsolute(Group1,90)", *ARRIVED]
     assert platform.stage.angle().value == 90.0
 
 
