@@ -70,11 +70,6 @@ class EspLine(UnacknowledgedLine):
         super().__init__(name, lambda: self._way(), VERSION, lambda answer: bool(MODEL.search(answer)))
 
     @property
-    def guarded(self) -> bool:
-        """No bit turns on the way without being noticed."""
-        return self._conversation.guarded
-
-    @property
     def session(self) -> int:
         """Counts connections: what was true of the controller may not be after a new one."""
         return self._conversation.sessions

@@ -2,7 +2,8 @@
 
 After the C-863.12 user manual (MS249E) and the maker's PIPython. Where these are silent the driver decides:
 
-- Commands are not acknowledged: the error is asked for after each, with nothing in between.
+- Commands are not acknowledged: the error is asked for after each, with nothing in between. Of one that was lost no
+  error tells: parameters are read back.
 - `FRF` moves to the reference, with the servo on; the controller keeps it, so that a referenced axis is left alone.
 - `STP` stops all axes at once and leaves error 10 behind, which is no failure.
 - Whether a unit is degrees the controller tells by `PUN?`, if it knows the question; else the operator says so.
@@ -10,6 +11,8 @@ After the C-863.12 user manual (MS249E) and the maker's PIPython. Where these ar
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections.abc import Iterator
 from typing import Literal
 
@@ -22,7 +25,7 @@ from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import USUAL_BAUD, DriverDeclaration, Use
-from rigctl.core.errors import InstrumentError, LinkError, MotionStopped
+from rigctl.core.errors import BadReply, InstrumentError, LinkError, MotionStopped
 from rigctl.core.findings import Finding, ok, unknown
 from rigctl.core.interfaces import Identity, Reading
 
@@ -168,10 +171,11 @@ class PiGcsStage:
             )
 
     def angle(self) -> Reading:
-        """The encoder's angle [deg] half-way between question and answer."""
+        """The encoder's angle [deg] half-way between question and answer; of three where a bit could turn."""
         asked_s = self._clock.now_s()
-        angle_deg = self._line.ask_number("POS?", self._axis)
-        return Reading(angle_deg, "deg", 0.5 * (asked_s + self._clock.now_s()))
+        # Three readings: one with a turned bit is outvoted by the median.
+        angles_deg = [self._line.ask_number("POS?", self._axis) for _ in range(1 if self._line.guarded else 3)]
+        return Reading(statistics.median(angles_deg), "deg", 0.5 * (asked_s + self._clock.now_s()))
 
     # what these are made of
 
@@ -201,9 +205,22 @@ class PiGcsStage:
 
     def _set_profile(self) -> None:
         """Speed and ramps, which other clients change."""
-        self._command(f"VEL {self._axis} {plain(self.limits.speed_deg_s)}")
+        self._set("VEL", self.limits.speed_deg_s)
         for ramp in ("ACC", "DEC"):
-            self._command(f"{ramp} {self._axis} {plain(self.limits.acceleration_deg_s2)}")
+            self._set(ramp, self.limits.acceleration_deg_s2)
+
+    def _set(self, parameter: str, value: float) -> None:
+        """Set a parameter of the axis and read it back: of a command that never came no error tells."""
+        command = f"{parameter} {self._axis} {plain(value)}"
+        self._command(command)
+        there = self._line.ask_number(f"{parameter}?", self._axis)
+        # The controller rounds to units of its own.
+        if not math.isclose(there, value, rel_tol=1e-3, abs_tol=1e-4):
+            raise BadReply(
+                f"{self.name}: {command!r} is {there:g} when it is read back; check cable and baud rate, and that "
+                "nobody else uses the controller",
+                instrument=self.name,
+            )
 
     def _start(self, command: str, stops: int) -> None:
         """Send a command once, unless somebody has stopped the axis since `stops`."""
@@ -223,7 +240,7 @@ class PiGcsStage:
 
     def _await_rest(self, command: str, timeout_s: float, *, on_target: bool = False) -> None:
         deadline_s = self._clock.now_s() + timeout_s
-        while self._line.moving() or (on_target and not self._settled()):
+        while self._moves() or (on_target and not self._settled()):
             if self._clock.now_s() > deadline_s:
                 self._line.tell("STP")
                 raise InstrumentError(
@@ -232,6 +249,10 @@ class PiGcsStage:
                     instrument=self.name,
                 )
             self._clock.sleep_s(self._settings.poll_interval_s)
+
+    def _moves(self) -> bool:
+        """Not to move is said twice where a bit could turn."""
+        return any(self._line.moving() for _ in range(1 if self._line.guarded else 2))
 
     def _settled(self) -> bool:
         """On target, or not to come there any more: without the servo nothing ever is."""

@@ -23,6 +23,11 @@ class UnacknowledgedLine:
         self._conversation = Conversation(name, connect, question, anew=False)
         self.lock = self._conversation.lock
 
+    @property
+    def guarded(self) -> bool:
+        """No bit turns on the way without being noticed."""
+        return self._conversation.guarded
+
     def close(self) -> None:
         """Disconnect for good; an exchange in another thread ends with `LinkLost`."""
         self._conversation.close()

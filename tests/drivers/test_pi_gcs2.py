@@ -14,7 +14,7 @@ from simulators.clock import VirtualClock
 from simulators.motion import MotionAxis
 from simulators.pi_gcs2 import Gcs2Dialect, Gcs2SimulatorSettings, SimulatedGcs2
 from tests.drivers.ensemble_bench import Tap
-from tests.drivers.expected import Expected
+from tests.drivers.expected import Expected, Send
 
 IDENTITY = "(c)2021 Physik Instrumente (PI) GmbH & Co. KG, C-863.12, 0120001234, 1.2.1.0"
 GREETING = (("*IDN?", IDENTITY), ("ERR?", "0"), ("SAI?", "1"), ("PUN? 1", "1=deg"))
@@ -35,6 +35,29 @@ def conversation(*exchanges: tuple[str, str]) -> Expected:
     )
 
 
+class Answering:
+    """Answers questions, a list reply by reply; what is no question gets nothing."""
+
+    def __init__(self, answers: dict[str, str | list[str]]) -> None:
+        self.lines: list[str] = []
+        self._answers = answers
+        self._send: Send = lambda _: None
+
+    def connect(self, send: Send) -> Answering:
+        self._send = send
+        return self
+
+    def receive(self, data: bytes) -> None:
+        line = data.decode().removesuffix("\n")
+        self.lines.append(line)
+        answer = self._answers.get(line, "")
+        if said := answer.pop(0) if isinstance(answer, list) else answer:
+            self._send(said.encode() + b"\n")
+
+    def close(self) -> None:
+        pass
+
+
 class Bench:
     def __init__(self, simulated: dict[str, Any] | None = None, **configured: Any) -> None:
         self.clock = VirtualClock()
@@ -45,7 +68,10 @@ class Bench:
 
 
 def test_a_move_byte_by_byte() -> None:
-    taken = [("ERR?", "0"), ("VEL 1 10", ""), ("ERR?", "0"), ("ERR?", "0"), ("ACC 1 40", ""), ("ERR?", "0")]
+    taken = [
+        *(("ERR?", "0"), ("VEL 1 10", ""), ("ERR?", "0"), ("VEL? 1", "1=10.000000")),
+        *(("ERR?", "0"), ("ACC 1 40", ""), ("ERR?", "0"), ("ACC? 1", "1=4.0000e+01")),
+    ]
     said = conversation(
         ("FRF? 1", "1=1"),
         ("SVO? 1", "1=1"),
@@ -54,6 +80,7 @@ def test_a_move_byte_by_byte() -> None:
         ("ERR?", "0"),
         ("DEC 1 40", ""),
         ("ERR?", "0"),
+        ("DEC? 1", "1=39.999"),
         ("ERR?", "10"),
         ("MOV 1 12.5", ""),
         ("ERR?", "0"),
@@ -73,6 +100,34 @@ def test_a_move_byte_by_byte() -> None:
     stage.move_to(12.5)
     stage.stop()
     assert not said.left
+
+
+@pytest.mark.parametrize(
+    ("parameter", "others"), [("VEL", ["ACC", "DEC"]), ("ACC", ["VEL", "DEC"]), ("DEC", ["VEL", "ACC"])]
+)
+def test_a_parameter_that_came_as_another_is_read_back(parameter: str, others: list[str]) -> None:
+    told = {each: "1=40" if each != "VEL" else "1=10" for each in others} | {parameter: "1=8"}
+    answers = {"FRF? 1": "1=1", "SVO? 1": "1=1", "ERR?": "0", **{f"{name}? 1": reply for name, reply in told.items()}}
+    controller = Answering({**dict(GREETING), **answers})
+    stage = made(controller, VirtualClock())
+    stage.open()
+    with pytest.raises(BadReply, match=rf"'{parameter} 1 \d+' is 8 when it is read back"):
+        stage.move_to(12.5)
+    assert not [line for line in controller.lines if line.startswith("MOV")]
+
+
+def test_on_a_line_without_parity_one_wrong_bit_makes_no_angle_and_no_rest() -> None:
+    controller = Answering({**dict(GREETING), "POS? 1": ["1=1.25", "1=9.25", "1=1.25"], "\x05": ["0", "1", "0", "0"]})
+    clock = VirtualClock()
+
+    def line() -> InProcessTransport:
+        return InProcessTransport("sim:stage", controller, clock, guarded=False)
+
+    stage = PiGcsStage("stage", GcsSettings(unit="deg"), line, clock)
+    stage.open()
+    assert stage.angle().value == 1.25
+    stage.stop()
+    assert controller.lines.count("\x05") == 4
 
 
 def test_it_tells_who_it_is() -> None:
