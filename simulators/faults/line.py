@@ -42,7 +42,7 @@ class FaultyInstrument:
         self._tap = tap or unheard()
         self._powered = True
         self._connections: set[FaultyConnection] = set()
-        self._replies, self._attempts = (Occasions(clock) for _ in range(2))
+        self._replies, self._commands, self._attempts = (Occasions(clock) for _ in range(3))
         schedule(plan, clock, self._befall, self._relieve)
         if plan.refused is not None:
             for at_s in plan.refused.between_s or ():
@@ -75,8 +75,12 @@ class FaultyInstrument:
         """One more reply sets out."""
         return self._replies.next()
 
+    def next_command(self) -> Occasion:
+        """One more command comes."""
+        return self._commands.next()
+
     def tell(self, fault: str, occasion: Occasion) -> None:
-        """Let those who listen know that a fault strikes: its rig time, and the number of the reply."""
+        """Let those who listen know that a fault strikes: its rig time, and the number of the reply or command."""
         self._tap.note(f"fault {fault}", occasion.at_s, occasion.number)
 
     def call_at(self, at_s: float, callback: Callable[[], None]) -> None:
@@ -149,9 +153,15 @@ class FaultyConnection:
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the client; after the end, or without power, nothing arrives."""
-        if not self._cut and self._inner is not None:
-            self._command = data
-            self._inner.receive(data)
+        if self._cut or self._inner is None:
+            return
+        occasion = self._instrument.next_command()
+        struck = self._plan.struck_command(occasion)
+        for fault in sorted(struck):
+            self._instrument.tell(fault, occasion)
+        self._command = data
+        if heard := self._plan.heard(struck, occasion.number, data):
+            self._inner.receive(heard)
 
     def close(self) -> None:
         """The client has gone."""

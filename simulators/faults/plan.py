@@ -10,6 +10,8 @@ from simulators.faults.wire import WireFaults
 
 ON_THE_GROUND = frozenset({"late", "silent", "duplicated", "disconnect"})
 """What can happen to telemetry that has no wire."""
+ON_SERIAL_LINES = frozenset({"bits", "command_bits", "command_lost"})
+"""TCP has a checksum of its own, and sends again what is lost."""
 WIRE_FAULTS = tuple(name for name in WireFaults.model_fields if name != "seed")
 
 
@@ -26,9 +28,10 @@ class FaultPlan(InstrumentFaults, WireFaults):
         """Why an instrument of this kind, with these possible faults, cannot suffer it; "" when it can."""
         wanted = (name for name in FaultPlan.model_fields if name != "seed" and getattr(self, name) is not None)
         impossible = [name for name in wanted if name not in possible]
-        if "bits" in impossible:
+        if bare := [name for name in impossible if name in ON_SERIAL_LINES]:
             return (
-                "bits: TCP has a checksum of its own, bits are turned on serial lines only; use garbage or truncated"
+                f"{bare[0]}: TCP has a checksum of its own, bits are turned on serial lines only; use garbage or "
+                "truncated"
             )
         if impossible:
             return f"{impossible[0]}: this cannot befall a {kind}; it can have {', '.join(possible)}"
@@ -37,5 +40,5 @@ class FaultPlan(InstrumentFaults, WireFaults):
 
 def faults_of(suffered: Collection[str], *, wired: bool, serial: bool) -> list[str]:
     """The faults of an instrument that suffers these itself, and of its wire, by their keys in a rig file."""
-    wire = {name for name in WIRE_FAULTS if serial or name != "bits"} if wired else ON_THE_GROUND
+    wire = {name for name in WIRE_FAULTS if serial or name not in ON_SERIAL_LINES} if wired else ON_THE_GROUND
     return sorted({*wire, *suffered})

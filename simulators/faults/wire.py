@@ -1,7 +1,7 @@
-"""What goes wrong on the wire: replies spoilt one by one, connections refused or ended.
+"""What goes wrong on the wire: replies and commands spoilt one by one, connections refused or ended.
 
-What an instrument sends in one call counts as one reply; replies are counted from 1 over all connections,
-so that a driver that reconnects does not meet the same fault again.
+What an instrument sends in one call counts as one reply, what comes from its client at once as one command; each are
+counted from 1 over all connections, so that a driver that reconnects does not meet the same fault again.
 """
 
 from __future__ import annotations
@@ -34,6 +34,14 @@ class Bits(Fault):
     """Single bits of the reply are turned: a noisy serial line. TCP has a checksum of its own."""
 
     flips: Annotated[int, Field(ge=1)] = 1
+
+
+class CommandBits(Bits):
+    """Single bits of a command are turned on its way to the instrument, which does what it has understood."""
+
+
+class CommandLost(Fault):
+    """A command does not come to the instrument."""
 
 
 class Truncated(Fault):
@@ -116,6 +124,8 @@ class WireFaults(Table):
     seed: int = 0
     late: Late | None = None
     bits: Bits | None = None
+    command_bits: CommandBits | None = None
+    command_lost: CommandLost | None = None
     truncated: Truncated | None = None
     silent: Silent | None = None
     duplicated: Duplicated | None = None
@@ -131,6 +141,18 @@ class WireFaults(Table):
     def struck(self, occasion: Occasion) -> frozenset[str]:
         """Which faults strike a reply."""
         return frozenset(name for name in REPLY_FAULTS if self._strikes(getattr(self, name), occasion))
+
+    def struck_command(self, occasion: Occasion) -> frozenset[str]:
+        """Which faults strike a command."""
+        return frozenset(name for name in COMMAND_FAULTS if self._strikes(getattr(self, name), occasion))
+
+    def heard(self, struck: Container[str], number: int, command: bytes) -> bytes:
+        """What the instrument hears of a command; empty where it is lost."""
+        if "command_lost" in struck:
+            return b""
+        if "command_bits" in struck and self.command_bits is not None:
+            return self._flipped("command flip", number, command, self.command_bits.flips)
+        return command
 
     def refuses(self, attempt: Occasion) -> bool:
         """True when an attempt to connect is refused."""
@@ -179,7 +201,7 @@ class WireFaults(Table):
         if "non_ascii" in struck and self.non_ascii is not None:
             reply = self._with_strays(number, reply, self.non_ascii.stray_bytes)
         if "bits" in struck and self.bits is not None:
-            reply = self._flipped(number, reply, self.bits.flips)
+            reply = self._flipped("flip", number, reply, self.bits.flips)
         if "wrong_terminator" in struck:
             body, end = parted(reply)
             reply = body + TERMINATORS.get(end, b"")
@@ -202,15 +224,19 @@ class WireFaults(Table):
         place = 0 if binary else int(random.integers(0, len(body) + 1))
         return reply[:place] + strays + reply[place:]
 
-    def _flipped(self, number: int, reply: bytes, count: int) -> bytes:
-        random = generator(self.seed, "flip", number)
-        flipped = bytearray(reply)
-        for place in random.choice(8 * len(reply), size=min(count, 8 * len(reply)), replace=False):
+    def _flipped(self, name: str, number: int, message: bytes, count: int) -> bytes:
+        random = generator(self.seed, name, number)
+        flipped = bytearray(message)
+        for place in random.choice(8 * len(message), size=min(count, 8 * len(message)), replace=False):
             flipped[place // 8] ^= 1 << (place % 8)
         return bytes(flipped)
 
 
-REPLY_FAULTS = tuple(name for name in WireFaults.model_fields if name not in ("seed", "refused", "wrong_identity"))
+COMMAND_FAULTS = ("command_bits", "command_lost")
+"""What strikes some commands and not others."""
+REPLY_FAULTS = tuple(
+    name for name in WireFaults.model_fields if name not in ("seed", "refused", "wrong_identity", *COMMAND_FAULTS)
+)
 """What strikes some replies and not others."""
 
 

@@ -300,6 +300,26 @@ def test_exactly_so_many_bits_are_turned(reply: bytes, flips: int, seed: int) ->
     assert sent(plan, 1, reply) == (flipped,)
 
 
+def test_a_command_that_is_lost_is_not_heard_and_those_after_it_are() -> None:
+    line = Line(command_lost={"nth": [2]})
+    for word in WORDS:
+        line.wire.write(word)
+    assert line.received() == b"".join((WORDS[0], *WORDS[2:]))
+
+
+def test_a_command_with_turned_bits_is_heard_as_another_and_the_same_one_again() -> None:
+    heard = []
+    for _ in range(2):
+        line = Line(seed=4, command_bits={"nth": [1, 3], "flips": 2})
+        for word in WORDS:
+            line.wire.write(word)
+        heard.append(line.received())
+    first, second = heard
+    assert first == second
+    assert len(first) == len(b"".join(WORDS))
+    assert sum((a ^ b).bit_count() for a, b in zip(first, b"".join(WORDS), strict=True)) == 4
+
+
 @pytest.mark.parametrize(
     ("faults", "complaint"),
     [
