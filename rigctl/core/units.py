@@ -34,6 +34,15 @@ _BY_SUFFIX = {
     "k": "K",
 }
 
+_BEFORE_A_SUFFIX = frozenset(
+    "per n mn kn v nv uv mv kv na ua ma pa hpa kpa mpa bar mbar m nm um mm cm km in ft s ns us ms h g mg kg lb lbf j kj"
+    " w mw kw hz khz mhz ghz k rad urad mrad deg arcsec ohm kohm t ut mt l ml mol db ppm ppb".split()
+)
+"""Pieces of names that are units as well: `out_mv_v` is in mV/V, `torque_n_m` in N m or n in m, `v_km_s` in km/s.
+
+`a` is a chain of that name (`q_a_v`), `min` the least, far more often than an ampere or a minute.
+"""
+
 _BASE = {
     *("m", "g", "s", "A", "K", "mol", "cd", "rad", "sr", "Hz", "N", "Pa", "J", "W", "C", "V", "F", "ohm", "Ohm", "Ω"),
     *("S", "Wb", "T", "H", "lm", "lx", "Bq", "L", "l", "bar", "eV", "gal", "Gal"),
@@ -64,18 +73,47 @@ _CHARACTERS_MAX = 100
 def name_and_unit(column: str) -> tuple[str, str]:
     """A column's name without its suffix, and the unit that the suffix gives; "" where there is none.
 
-    `_c` and `_k` are units of temperatures only: a third sensor may well be `sensor_c`.
+    None is given where what stands before the suffix may be a part of the unit. `_c` and `_k` are units of
+    temperatures only: a third sensor may well be `sensor_c`.
     """
-    for suffix, unit in _BY_SUFFIX.items():
-        if column.endswith(f"_{suffix}"):
-            is_unit = suffix not in {"c", "k"} or column.startswith(("temp", "t_"))
-            return (column.removesuffix(f"_{suffix}"), unit) if is_unit else (column, "")
-    return column, ""
+    suffix = _suffix(column)
+    if not suffix:
+        return column, ""
+    name = column.removesuffix(f"_{suffix}")
+    is_unit = suffix not in {"c", "k"} or column.startswith(("temp", "t_"))
+    return (name, _BY_SUFFIX[suffix]) if is_unit and not _ends_in_a_unit(name) else (column, "")
+
+
+def _suffix(column: str) -> str:
+    return next((suffix for suffix in _BY_SUFFIX if column.endswith(f"_{suffix}")), "")
+
+
+def _ends_in_a_unit(name: str) -> bool:
+    before, _, last = name.rpartition("_")
+    symbol = last.lower().rstrip("23") or last
+    # A letter that nothing stands before is the quantity itself: `t_s`, `g_m_s2`.
+    return symbol in _BEFORE_A_SUFFIX and bool(before or len(symbol) > 1)
 
 
 def unit_of_column(name: str) -> str:
     """The unit the suffix of `name` gives, "" without one."""
     return name_and_unit(name)[1]
+
+
+def contradicts(unit: str, column: str) -> bool:
+    """Whether a unit as it is stated cannot be that of a column of this name: V of `length_mm`.
+
+    mV/V of `ratio_v` can: what is stated ends in what the name ends in.
+    """
+    promised = unit_of_column(column)
+    if not promised or same_unit(unit, promised):
+        return False
+    stated = _pieces(unit)
+    return not any(stated[-len(end) :] == end for end in (_pieces(_suffix(column)), _pieces(promised)))
+
+
+def _pieces(unit: str) -> list[str]:
+    return [piece for piece in re.findall(r"[^\W_]+", unit.translate(_PLAIN).lower()) if piece != "per"]
 
 
 def known_unit(text: object) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigctl.core.units import known_unit, name_and_unit, power, ratio, same_unit
+from rigctl.core.units import contradicts, known_unit, name_and_unit, power, ratio, same_unit, unit_of_column
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,40 @@ def test_the_suffix_of_a_column_is_its_unit() -> None:
     assert name_and_unit("gain_q_a_v_per_m_s2") == ("gain_q_a", "V/(m/s2)")
     assert name_and_unit("temperature_c") == ("temperature", "degC")
     assert name_and_unit("sensor_c") == ("sensor_c", "")
+
+
+@pytest.mark.parametrize(
+    "column",
+    ["out_mv_v", "v_km_s", "torque_n_m", "vis_pa_s", "r_per_s", "v_cm_s", "psd_v2_hz", "force_kg_m_s2", "mm_s"],
+)
+def test_a_suffix_that_may_be_half_of_a_unit_promises_none(column: str) -> None:
+    assert unit_of_column(column) == ""
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [("speed_m_s", "m/s"), ("speed_mm_s", "mm/s"), ("rate_deg_s", "deg/s"), ("t_s", "s"), ("g_m_s2", "m/s2")]
+    + [("accel_m_s2", "m/s2"), ("q_a_v", "V"), ("position_min_mm", "mm")],
+)
+def test_a_suffix_behind_a_name_is_the_unit(column: str, unit: str) -> None:
+    assert unit_of_column(column) == unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "column", "contradicted"),
+    [
+        ("V", "length_mm", True),
+        ("mm/s2", "accel_m_s2", True),
+        ("s", "speed_m_s", True),
+        ("uV", "out_v", True),
+        ("V", "gain_v_per_m_s2", True),
+        ("V s²/m", "gain_v_per_m_s2", False),
+        ("mV/V", "out_mv_v", False),
+        ("N m", "torque_n_m", False),
+        ("mV/V", "ratio_v", False),
+        ("A s", "charge_a_s", False),
+        ("µV/°C", "temp_coefficient_c", False),
+    ],
+)
+def test_a_unit_is_contradicted_by_a_name_that_cannot_mean_it(unit: str, column: str, contradicted: bool) -> None:
+    assert contradicts(unit, column) == contradicted

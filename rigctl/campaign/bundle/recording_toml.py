@@ -19,7 +19,7 @@ from rigctl.core.errors import DataError, either
 from rigctl.core.experiments import EXPERIMENTS, of_readings
 from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.core.toml import TomlFlaw, parsed, to_toml
-from rigctl.core.units import flaw_of_constant, same_unit, unit_of_column
+from rigctl.core.units import contradicts, flaw_of_constant, unit_of_column
 from rigctl.files.item import Item
 
 # tomllib tells no position of a value, so keys are looked for in the text once an error needs its line.
@@ -161,7 +161,7 @@ def _channel(document: TomlDocument, name: str) -> ChannelInfo:
     # The unit that the column's suffix gives; `[channels]` may then leave it out.
     promised = unit_of_column(name)
     unit = _text(document, (*keys, "unit"), values.pop("unit", promised))
-    if promised and not same_unit(unit, promised):
+    if contradicts(unit, name):
         raise document.error(
             (*keys, "unit"), f"{unit!r} contradicts the column's name; write {promised!r}, or rename the column"
         )
