@@ -142,7 +142,10 @@ class RunRecord:
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What was found while reading a bundle: nothing in it stopped the reading."""
+    """What was found while reading a bundle: nothing in it stopped the reading.
+
+    `invalid` are run_ids, or rows of a table ("row 7"), that count in no result, and why.
+    """
 
     runs: int
     invalid: tuple[tuple[str, str], ...] = ()

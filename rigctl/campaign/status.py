@@ -31,6 +31,9 @@ def status_in(store: Store) -> dict[str, Any]:
     killed = status["state"] in {"running", "paused"} and not alive
     if killed:
         status["state"] = "interrupted"
+    # Of a table rows are marked in the file: there, it is one run.
+    imported = None if store.header.table is None else store.last_event(IMPORTED)
+    of_table = {} if imported is None else {"readings_invalid": len(imported.data["invalid"])}
     # A study has runs whose samples nobody keeps.
     done = max(int(status.get("runs_done", 0)), finished)
     planned = max(int(status["runs_planned"]), done)
@@ -39,6 +42,7 @@ def status_in(store: Store) -> dict[str, Any]:
         "runs_done": done,
         "runs_planned": planned,
         "runs_invalid": invalid,
+        **of_table,
         "runs_repeated": repeats_in(store),
         "killed": killed,
         "heartbeat_age_s": beat_age_s(store.path) if alive else None,

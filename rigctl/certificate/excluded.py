@@ -1,4 +1,4 @@
-"""Runs that were left out, why, and what the result would be with them (ISO/IEC 17025, 7.8.2.1 n)."""
+"""Runs and readings that were left out, why, and what the result would be with them (ISO/IEC 17025, 7.8.2.1 n)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,21 @@ from typing import Any
 
 from rigctl.analysis.measurement_result import MeasurementResult
 from rigctl.campaign.recording import RunRecord
+from rigctl.campaign.store.entries import Document
 from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import UNFIT
+from rigctl.core.experiments import of_readings
+from rigctl.core.readings import VALID
 from rigctl.experiments.analysis import measurement_result_of
+from rigctl.workbench.model.versions import VERSION
 from rigctl.workbench.workbench import Workbench
 
 
 class AllRunsValid(Store):
-    """A store in which no run is marked invalid; it is read only, so that nothing is kept of it."""
+    """A store in which no run, and no reading of a table, is marked invalid; it is read only, so that nothing is kept
+    of it."""
 
     def runs(self, *, valid_only: bool = False, skip: int = 0) -> list[RunRecord]:
         """All finished runs, as if they were valid."""
@@ -28,6 +34,17 @@ class AllRunsValid(Store):
         """One of them, likewise."""
         run = super().run(run_id)
         return None if run is None else replace(run, valid=True)
+
+    def samples(self, run_id: str) -> dict[str, FloatArray]:
+        """The columns of a run; of a table's readings without the one that says which of them count."""
+        columns = super().samples(run_id)
+        if self.header.table is not None:
+            columns.pop(VALID, None)
+        return columns
+
+    def documents(self, kind: str | None = None) -> list[Document]:
+        """The versions of the model; nothing that was worked out of the valid ones."""
+        return [each for each in super().documents(kind) if each.kind == VERSION]
 
 
 @dataclass(frozen=True)
@@ -43,7 +60,8 @@ class Change:
 
 @dataclass(frozen=True)
 class Excluded:
-    """Excluded runs by run_id with the reason; `changes` of the result with them, or `not_worked_out`, why not."""
+    """Excluded runs by run_id, or readings ("row 7"), with the reason; `changes` of the result with them, or
+    `not_worked_out`, why not."""
 
     runs: Mapping[str, str]
     changes: Sequence[Change] = ()
@@ -69,9 +87,11 @@ class Excluded:
 
 
 def excluded_of(bench: Workbench, result: MeasurementResult, tell: Callable[[str], None]) -> Excluded:
-    """The runs that are marked invalid, and the result as if none were."""
+    """The runs, or readings of a table, that are marked invalid, and the result as if none were."""
     store = bench.store
     runs = {run.run_id: run.reason or "no reason given" for run in store.runs() if not run.valid}
+    if of_readings(store.header.experiment):
+        runs |= bench.fitted().excluded
     if not runs:
         return Excluded({})
     tell(f"working out the result with {len(runs)} excluded")

@@ -56,8 +56,8 @@ def import_(
         )
         return
     say(read)
-    for run_id, why in invalid.items():
-        say(f"run {run_id} invalid: {why}")
+    for name, why in invalid.items():
+        say(f"{name if of_readings(imported.header.experiment) else f'run {name}'} invalid: {why}")
     for warning in report.warnings:
         say(f"warning: {warning}")
 
@@ -66,7 +66,8 @@ def _read(store: Store, invalid: int) -> str:
     """What was read: runs, or the rows of a table, which are one run."""
     if of_readings(store.header.experiment):
         rows = max(map(len, store.samples(READINGS).values()), default=0)
-        return f"{counted(rows, 'row')} read into {store.path}"
+        said = f", {invalid} of them invalid" if invalid else ""
+        return f"{counted(rows, 'row')} read into {store.path}{said}"
     return f"{counted(len(store.runs()), 'run')} read into {store.path}, {invalid} of them invalid"
 
 

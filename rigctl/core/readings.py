@@ -1,4 +1,4 @@
-"""Tables of readings as they come: columns of time stamps, and rows that stand in a table again.
+"""Tables of readings as they come: rows that do not count, columns of time stamps, rows that stand in a table again.
 
 Two readings at the same conditions are equal by chance with a probability that follows from the resolution of the
 response and the scatter of readings; more equal rows than that allows were pasted.
@@ -9,14 +9,33 @@ from __future__ import annotations
 import math
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
 
+VALID, REASON = "valid", "reason"
+"""Columns that say which readings count, as which runs, and why one does not."""
+
 _DATE = re.compile(r"\d{4}-\d\d-\d\d")
+
+
+def excluded_rows(samples: Mapping[str, FloatArray], texts: Mapping[str, Sequence[str]]) -> dict[int, str]:
+    """By index the rows that the column `VALID` takes out of everything (0), and why; one without a mark counts."""
+    if VALID not in samples:
+        return {}
+    reasons = texts.get(REASON)
+    return {
+        row: (reasons[row] if reasons else "") or "marked invalid in readings.csv"
+        for row in np.flatnonzero(samples[VALID] == 0.0).tolist()
+    }
+
+
+def row_label(row: int) -> str:
+    """The name of a row by its index: rows are counted from 1, without the header."""
+    return f"row {row + 1}"
 
 
 def seconds_of_stamps(texts: Sequence[str]) -> FloatArray | None:

@@ -34,10 +34,12 @@ _BY_SUFFIX = {
     "k": "K",
 }
 
-_BEFORE_A_SUFFIX = frozenset(
-    "per n mn kn v nv uv mv kv na ua ma pa hpa kpa mpa bar mbar m nm um mm cm km in ft s ns us ms h g mg kg lb lbf j kj"
-    " w mw kw hz khz mhz ghz k rad urad mrad deg arcsec ohm kohm t ut mt l ml mol db ppm ppb".split()
-)
+_BEFORE_A_SUFFIX = {
+    *("per", "n", "mn", "kn", "v", "nv", "uv", "mv", "kv", "na", "ua", "ma", "ohm", "kohm", "t", "ut", "mt"),
+    *("pa", "hpa", "kpa", "mpa", "bar", "mbar", "m", "nm", "um", "mm", "cm", "km", "in", "ft", "l", "ml"),
+    *("s", "ns", "us", "ms", "h", "hz", "khz", "mhz", "ghz", "g", "mg", "kg", "lb", "lbf", "mol", "j", "kj"),
+    *("w", "mw", "kw", "k", "rad", "urad", "mrad", "deg", "arcsec", "db", "ppm", "ppb"),
+}
 """Pieces of names that are units as well: `out_mv_v` is in mV/V, `torque_n_m` in N m or n in m, `v_km_s` in km/s.
 
 `a` is a chain of that name (`q_a_v`), `min` the least, far more often than an ampere or a minute.

@@ -25,6 +25,7 @@ from rigctl.report.tables.workbench import channels_table, ladder_tables, parame
 from rigctl.report.verdicts import (
     advice,
     comparison_sentence,
+    excluded_sentence,
     inseparable_sentences,
     line_sentence,
     model_name,
@@ -283,6 +284,7 @@ def _amount(evidence: Evidence) -> str:
 def _residuals(evidence: Evidence) -> Iterator[str]:
     last = evidence.comparisons[-1].as_json()
     yield html.paragraph(comparison_sentence(last))
+    yield from map(html.paragraph, filter(None, [excluded_sentence(last)]))
     yield from (html.paragraph(said, "soft") for said in [repeats_sentence(last), *scatter_sentences(last)] if said)
     yield html.table(channels_table(last))
     yield from map(html.figure, evidence.residuals(evidence.covariates[:SHOWN_COVARIATES]))

@@ -23,7 +23,13 @@ from rigctl.report.figures.workbench import LadderRow, RankRow, ladder_plate, ra
 from rigctl.report.quantities import number
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.report.tables.workbench import channels_table, ladder_table, parameters_table, ranking_table, rms_tables
-from rigctl.report.verdicts import comparison_sentence, noise_sentence, scatter_sentences, verdict_sentence
+from rigctl.report.verdicts import (
+    comparison_sentence,
+    excluded_sentence,
+    noise_sentence,
+    scatter_sentences,
+    verdict_sentence,
+)
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.workbench import Workbench
 
@@ -61,7 +67,12 @@ class ShownComparison(Comparison):
 
     def _repr_html_(self) -> str:
         found = self.as_json()
-        said = [comparison_sentence(found), noise_sentence(found), *scatter_sentences(found)]
+        said = [
+            comparison_sentence(found),
+            excluded_sentence(found),
+            noise_sentence(found),
+            *scatter_sentences(found),
+        ]
         parts: list[_Part] = [*said, channels_table(found)]
         return _page([*parts, self.plot()] if self.observations.covariates else parts)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigctl.campaign.session.heartbeat import STALLED_S
-from rigctl.report.quantities import duration
+from rigctl.report.quantities import counted, duration
 from rigctl.report.time_left import time_left
 
 
@@ -19,7 +19,7 @@ def repeats_line(repeated: Mapping[str, int]) -> str:
 
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:
-    """A campaign's status in two lines, and a third when runs were repeated."""
+    """A campaign's status in two lines; more when runs were repeated, or readings of a table are marked invalid."""
     runs = f"{status['runs_done']} of {status['runs_planned']} runs ({status['runs_invalid']} invalid)"
     lines = [", ".join(filter(None, [f"{status['state']}: {runs}", time_left(status)]))]
     age_s = status.get("heartbeat_age_s")
@@ -31,5 +31,7 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
         lines.append(
             "its process is gone without a word; `rigctl stop RIG` brings the rig to rest, `rigctl resume` goes on"
         )
+    if rows := status.get("readings_invalid"):
+        lines.append(f"{counted(rows, 'reading')} left out, marked invalid in readings.csv")
     lines += [str(status.get("step", "")), repeats_line(status.get("runs_repeated", {}))]
     return list(filter(None, lines))

@@ -19,6 +19,7 @@ from rigctl.report.verdicts import (
     Findings,
     advice,
     comparison_sentence,
+    excluded_sentence,
     inseparable_sentences,
     line_sentence,
     model_name,
@@ -48,6 +49,7 @@ def print_comparison(comparison: Findings) -> None:
     worst = [[row["run_id"], row["channel"], row["component"], f"{row['sigma']:+.1f}"] for row in comparison["worst"]]
     shown = [
         _text(f"Model version {model['version']}: {model_name(model['effects'])}", comparison_sentence(comparison)),
+        _text(excluded_sentence(comparison)),
         _text(noise_sentence(comparison), repeats_sentence(comparison), *scatter_sentences(comparison)),
         channels_table(comparison),
         ResultTable("Farthest from the model", ["run", "channel", "component", "#sigma"], worst),
@@ -121,7 +123,8 @@ def print_history(rungs: Sequence[Findings]) -> None:
 
 def print_fit(fit: Findings) -> None:
     """Parameters and how well they describe the data."""
-    print_tables([*_warnings([fit]), parameters_table(fit)])
+    excluded = [_text(said)] if (said := excluded_sentence(fit)) else []
+    print_tables([*_warnings([fit]), *excluded, parameters_table(fit)])
 
 
 def _warnings(rungs: Sequence[Findings]) -> list[ResultTable]:

@@ -14,6 +14,9 @@ Findings = Mapping[str, Any]
 HOLDS_WITHIN = 1.2
 """A model that holds is hardly worse elsewhere than a fit made there."""
 
+NAMED = 5
+"""Readings that are left out and named; of more the number is said."""
+
 ADEQUATE_P = 0.01
 """A chi-square with a smaller p speaks against the model."""
 
@@ -69,6 +72,16 @@ def _noise(entry: Findings) -> str:
     size = f"{number(entry['sigma'])} {entry['unit']}".strip()
     how = f", as stated times {number(entry['scale'])}" if entry["source"] == "stated" else ""
     return f"{name} {entry['model']}{along}, {size} from {number(entry['dof'])} degrees of freedom{how}"
+
+
+def excluded_sentence(findings: Findings) -> str:
+    """Which readings were marked invalid where they were recorded, and so count nowhere; "" for none."""
+    rows = list(findings.get("excluded") or ())
+    if not rows:
+        return ""
+    more = [f"{len(rows) - NAMED} more"] if len(rows) > NAMED else []
+    are = "reading is" if len(rows) == 1 else "readings are"
+    return f"{len(rows)} {are} left out, marked invalid: {', '.join([*rows[:NAMED], *more])}."
 
 
 def slow_noise_sentences(diagnosis: Findings) -> list[str]:

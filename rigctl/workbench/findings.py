@@ -136,7 +136,12 @@ class Comparison:
             "lack_of_fit": None if self.lack_of_fit is None else vars(self.lack_of_fit),
             "scatter": [each.as_json() for each in self.scatter],
             "stated_sigma": None if self.stated_sigma is None else self.stated_sigma.as_json(),
+            **_said_of_excluded(self.observations.excluded),
         }
+
+
+def _said_of_excluded(excluded: Mapping[str, str]) -> dict[str, Any]:
+    return {"excluded": dict(excluded)} if excluded else {}
 
 
 @dataclass(frozen=True)
@@ -303,7 +308,8 @@ class ModelFit:
     """A model fitted to its observations; whitened residuals (n,), errors with 1.00 = noise.
 
     `minus_2_log_l` is at its least within the ladder's family of noise, `held_out_log_score` per datum, `held` are
-    parameters at zero that others imitate, `warnings` what speaks against the fit.
+    parameters at zero that others imitate, `warnings` what speaks against the fit, `excluded` readings that were
+    marked invalid where they were recorded, and why.
     """
 
     terms: tuple[Term, ...]
@@ -321,6 +327,7 @@ class ModelFit:
     noise: tuple[NoiseEntry, ...]
     held: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    excluded: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def chi2_per_dof(self) -> float:
@@ -344,4 +351,5 @@ class ModelFit:
             "noise": [each.as_json() for each in self.noise],
             "held": list(self.held),
             "warnings": list(self.warnings),
+            **_said_of_excluded(self.excluded),
         }

@@ -83,6 +83,7 @@ class Observations:
     (a session) and 0 elsewhere: what is left may differ by it, and is then described by it. `templates` are, by
     series and covariate, columns (n,) over all data: what one standard deviation of the covariate does to them where
     more than its mean over a run counts. Among the shapes of the series they take the place of the covariate itself.
+    `excluded` are readings that were marked invalid where they were recorded, and why: no datum is of them.
     """
 
     run_ids: tuple[str, ...]
@@ -103,6 +104,7 @@ class Observations:
     offsets: tuple[SharedOffset, ...] = ()
     indicators: Mapping[str, FloatArray] = field(default_factory=dict)
     templates: Mapping[tuple[int, str], FloatArray] = field(default_factory=dict)
+    excluded: Mapping[str, str] = field(default_factory=dict)
 
     def of_runs(self, name: str) -> FloatArray:
         """A covariate at every datum, shape (n,)."""

@@ -1,6 +1,10 @@
 """Runs that are kept but not trusted, and what is said about the others."""
 
+import numpy as np
+import pytest
+
 from rigctl.campaign.bundle.bundle import import_bundle, import_report, read_bundle, write_bundle
+from rigctl.campaign.status import status_in
 from rigctl.campaign.store.store import Store
 
 
@@ -151,3 +155,45 @@ def test_store_remembers_what_its_import_found(sensing, tmp_path):
         assert import_report(store) == expected
         assert [run.valid for run in store.runs()] == [True, False, False]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["night", "s.rig.sqlite"]
+
+
+def with_marks(readings, marks, reasons=None):
+    """The table with a column `valid`, and one of reasons."""
+    columns = {"valid": marks} | ({} if reasons is None else {"reason": reasons})
+    table = readings.tables["readings.csv"]
+    for name, fields in columns.items():
+        table[0].append(name)
+        for row, text in zip(table[1:], fields, strict=True):
+            row.append(text)
+    return readings
+
+
+def test_rows_of_a_table_are_marked_as_runs_are_and_come_out_again(readings, tmp_path):
+    marks = ["1", "0", "", "TRUE", "False", *["1"] * 7]
+    with_marks(readings, marks, ["", "door", *[""] * 10])
+    with import_bundle(readings.write(), tmp_path / "s.rig.sqlite") as store:
+        report = import_report(store)
+        write_bundle(store, tmp_path / "out")
+        assert status_in(store)["readings_invalid"] == 2
+    assert report.invalid == (("row 2", "door"), ("row 5", "marked invalid in readings.csv"))
+    again = read_bundle(tmp_path / "out")
+    assert again.report == report
+    assert again.samples("readings")["valid"].tolist()[:2] == [1.0, 0.0]
+
+
+@pytest.mark.parametrize("text", ["2", "yes", "0.5"])
+def test_a_mark_of_a_row_that_is_none_is_refused(refusal, readings, text):
+    with_marks(readings, ["1"] * 11 + [text])
+    assert refusal(readings.write()) == (
+        f"cell/readings.csv, line 13: valid is '{text}'; write 1 or 0, or give a column that says anything else "
+        "another name"
+    )
+
+
+@pytest.mark.parametrize(("mark", "warnings"), [("1", 1), ("0", 0)])
+def test_pasted_rows_are_told_of_unless_they_are_marked_invalid(readings, mark, warnings):
+    values = np.random.default_rng(1).normal(size=200)
+    rows = [f"{number},{value:.9f},{number},{number // 100},,1" for number, value in enumerate(values)]
+    pasted = [row.removesuffix("1") + mark for row in rows[20:40]]
+    readings.table("readings.csv", "load_lb,deflection_in,time_s,day,empty,valid", *rows, *pasted)
+    assert len(read_bundle(readings.write()).report.warnings) == warnings

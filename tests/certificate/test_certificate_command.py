@@ -133,6 +133,27 @@ def test_a_table_is_certified_with_the_numbers_of_its_fit(table: Any) -> None:
         assert found[name]["expanded_uncertainty"] == pytest.approx(2.04 * ratio * sigma, rel=2.5e-3)
 
 
+def test_readings_that_are_marked_invalid_are_listed_with_what_they_would_change(desk: Any) -> None:
+    marked = desk.directory / "marked"
+    shutil.copytree(PONTIUS, marked)
+    header, *rows = (marked / "readings.csv").read_text().splitlines()
+    marks = [f"{header},valid,reason", f"{rows[0]},0,door", *(f"{row},1," for row in rows[1:])]
+    (marked / "readings.csv").write_text("\n".join(marks) + "\n")
+    said = desk.rigctl("import", marked, "--store", desk.store).out
+    assert said == f"40 rows read into {desk.store}, 1 of them invalid\nrow 1 invalid: door\n"
+    for command in ("compare", "fit"):
+        assert "1 reading is left out, marked invalid: row 1." in desk.rigctl(command, desk.store).out
+    assert "1 reading left out, marked invalid" in desk.rigctl("status", desk.store).out
+    out = desk.directory / "x.html"
+    assert desk.rigctl("certificate", desk.store, "--out", out, "--json").status == 0
+    content = _content(out)
+    assert content["excluded"]["runs"] == {"row 1": "door"}
+    changes = {each["name"]: each for each in content["excluded"]["changes"]}
+    slope = next(each for each in content["quantities"] if each["name"] == "b1")
+    assert changes["b1"]["without"] == slope["value"] != changes["b1"]["with_them"]
+    assert desk.rigctl("verify", out, desk.store).status == 0
+
+
 def test_a_store_tells_its_certificate_the_item_and_learns_it_from_one(desk: Any) -> None:
     bundle = desk.directory / "bundle"
     shutil.copytree(PONTIUS, bundle)

@@ -46,8 +46,10 @@ def test_a_suffix_that_may_be_half_of_a_unit_promises_none(column: str) -> None:
 
 @pytest.mark.parametrize(
     ("column", "unit"),
-    [("speed_m_s", "m/s"), ("speed_mm_s", "mm/s"), ("rate_deg_s", "deg/s"), ("t_s", "s"), ("g_m_s2", "m/s2")]
-    + [("accel_m_s2", "m/s2"), ("q_a_v", "V"), ("position_min_mm", "mm")],
+    [
+        *(("speed_m_s", "m/s"), ("speed_mm_s", "mm/s"), ("rate_deg_s", "deg/s"), ("accel_m_s2", "m/s2")),
+        *(("t_s", "s"), ("g_m_s2", "m/s2"), ("q_a_v", "V"), ("position_min_mm", "mm")),
+    ],
 )
 def test_a_suffix_behind_a_name_is_the_unit(column: str, unit: str) -> None:
     assert unit_of_column(column) == unit

@@ -62,6 +62,50 @@ def test_rows_are_runs_and_a_row_without_response_is_left_out() -> None:
     assert given.series[0].channel == "y"
 
 
+def test_readings_that_are_marked_invalid_are_in_nothing() -> None:
+    y = 1.0 + 2.0 * X + 0.01 * NOISE
+    valid, spoilt = np.ones(40), y.copy()
+    valid[[4, 20]], valid[7], spoilt[[4, 20]] = 0.0, np.nan, 1e3
+    sigma = np.where(valid == 0.0, 0.0, 0.01)
+    recording = _recording({"y": spoilt, "x": X, "valid": valid, "u": sigma}, sigma="u")
+    study = TableStudy(recording)
+    given = study.observations
+    assert len(given.value) == 38
+    assert not {"row 5", "row 21"} & set(given.run_ids)
+    assert dict(given.excluded) == dict.fromkeys(["row 5", "row 21"], "marked invalid in readings.csv")
+    assert set(given.covariates) == {"x"}
+    assert not any("valid" in effect for effect in study.effects())
+    found = fit(study, [])
+    assert found.excluded == given.excluded
+    assert found.as_json()["excluded"] == dict(given.excluded)
+    without = _study(y[valid != 0.0], x=X[valid != 0.0])
+    assert found.parameters["b1"].value == pytest.approx(fit(without, []).parameters["b1"].value, rel=1e-9)
+    assert "excluded" not in fit(without, []).as_json()
+
+
+@pytest.mark.parametrize(
+    ("baseline", "spec", "marks", "where"),
+    [
+        ("b0 + b1*valid", {}, np.ones(40), "[table] baseline, character 9: "),
+        ("b0 + b1*x", {"response": "valid"}, np.ones(40), "[table] response: "),
+        ("b0 + b1*x", {"block": "valid"}, np.ones(40), "[table] block: "),
+        ("b0 + b1*x", {"batch": ["valid"]}, np.ones(40), "[table] batch: "),
+        ("b0 + b1*x", {}, X, "readings.csv: "),
+        ("b0 + b1*x", {}, ["yes"] * 40, "readings.csv: "),
+    ],
+)
+def test_a_column_of_marks_is_nothing_else(baseline: str, spec: dict[str, Any], marks: Any, where: str) -> None:
+    with pytest.raises(DataError) as caught:
+        TableStudy(_recording({"y": 1.0 + X, "x": X, "valid": marks}, baseline, **spec))
+    assert f"{where}column valid says which readings count (1 or 0)" in str(caught.value)
+    assert "give a column that says anything else another name" in str(caught.value)
+
+
+def test_where_all_readings_are_marked_invalid_there_is_nothing_to_fit() -> None:
+    with pytest.raises(DataError, match="no valid row has a response"):
+        TableStudy(_recording({"y": 1.0 + X, "x": X, "valid": np.zeros(40)}))
+
+
 def test_order_makes_stretches_and_block_its_own_blocks() -> None:
     shuffled = np.random.default_rng(6).permutation(40).astype(float)
     base = {"y": 1.0 + X + NOISE, "x": X, "time_s": shuffled, "day": ["Mon", "Tue"] * 20}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,12 +20,12 @@ from rigctl.campaign.bundle.sample_file import (
     read_own_clock_file,
     read_sample_file,
 )
-from rigctl.campaign.layout import Field, Layout, face, layout_of, number
+from rigctl.campaign.layout import Field, Layout, face, flag, layout_of, number
 from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id, own_clocks, time_column
 from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
 from rigctl.core.numbers import is_missing
-from rigctl.core.readings import pasted_rows, seconds_of_stamps
+from rigctl.core.readings import VALID, excluded_rows, pasted_rows, row_label, seconds_of_stamps
 from rigctl.core.units import doubt_of_constant
 
 RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
@@ -139,6 +139,9 @@ class BundleReader:
         samples: dict[str, FloatArray] = {}
         texts: dict[str, list[str]] = {}
         for name in table.header:
+            if name == VALID:
+                samples[name] = np.array(_values(table, name, Field(_counts)), dtype=np.float64)
+                continue
             values, remark = numbers_or_text(table, name)
             self._warnings += [remark] if remark else []
             # Text columns go with the conditions, because samples are 64-bit floats and nothing else.
@@ -147,19 +150,24 @@ class BundleReader:
             else:
                 texts[name] = table.column(name)
         self._require_question(table, samples)
-        self._warn_of_pasted_rows(samples, texts)
+        excluded = excluded_rows(samples, texts)
+        self._invalid += [(row_label(row), reason) for row, reason in excluded.items()]
+        self._warn_of_pasted_rows(samples, texts, list(excluded))
         yield RunRecord(READINGS, READINGS, STEP, texts), samples
 
-    def _warn_of_pasted_rows(self, samples: Mapping[str, FloatArray], texts: Mapping[str, list[str]]) -> None:
+    def _warn_of_pasted_rows(
+        self, samples: Mapping[str, FloatArray], texts: Mapping[str, list[str]], excluded: Sequence[int]
+    ) -> None:
         assert self.header.table is not None
         response = self.header.table.response
-        rows = np.flatnonzero(np.isfinite(samples[response]))
+        rows = np.setdiff1d(np.flatnonzero(np.isfinite(samples[response])), excluded)
         others: list[list[Any]] = [values[rows].tolist() for name, values in samples.items() if name != response]
         others += [[text[row] for row in rows.tolist()] for text in texts.values()]
         copies, originals = pasted_rows(samples[response][rows], others)
         if len(copies):
             pairs = [
-                f"row {rows[copy] + 1} is row {rows[of] + 1}" for copy, of in zip(copies, originals, strict=True)
+                f"{row_label(rows[copy])} is {row_label(rows[of])}"
+                for copy, of in zip(copies, originals, strict=True)
             ]
             shown = ", ".join(pairs[:3]) + (f" and {len(pairs) - 3} more" if len(pairs) > 3 else "")
             self._warnings.append(
@@ -261,6 +269,14 @@ def _column(table: CsvTable, name: str, layout: Layout, warnings: list[str]) -> 
     values, remark = numbers_or_text(table, name)
     warnings += [remark] if remark else []
     return list(values)
+
+
+def _counts(text: str) -> bool:
+    """1 or 0, or what a spreadsheet makes of them."""
+    try:
+        return flag({"true": "1", "false": "0"}.get(text.lower(), text))
+    except ValueError:
+        raise ValueError("1 or 0, or give a column that says anything else another name") from None
 
 
 def _values(table: CsvTable, name: str, field: Field) -> list[Any]:

@@ -111,4 +111,5 @@ class TableData:
             levels={category.name: category.levels for category in grouped},
             factors=correlation(offsets, n),
             offsets=offsets,
+            excluded=readings.excluded,
         )

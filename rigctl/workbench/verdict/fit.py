@@ -60,6 +60,7 @@ def fitted(
         noise=noise_entries(attempt),
         held=tuple(sorted(attempt.held)),
         warnings=tuple(warnings),
+        excluded=attempt.model.observations.excluded,
     )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,12 +12,12 @@ from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
 from rigctl.core.arrays import FloatArray, IntArray, TextArray
 from rigctl.core.errors import DataError
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
-from rigctl.core.readings import seconds_of_stamps
+from rigctl.core.readings import VALID, excluded_rows, row_label, seconds_of_stamps
 from rigctl.core.units import unit_of_column
 from rigctl.experiments.table.observe.constants import known_inputs
 from rigctl.experiments.table.observe.expression import Expression
 from rigctl.experiments.table.observe.rows import readings_of
-from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw, names, parse
+from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw, leaves, names, parse
 from rigctl.workbench.known_inputs import KnownInputs
 
 _WINDOW_POINTS, _WINDOW_FINENESS = 1 << 16, 16
@@ -134,6 +134,8 @@ class Readings:
     sigma: FloatArray
     """As stated by a column; else the same for all, the declared noise or a guess, whose size is in the scatter."""
     block_of: IntArray
+    excluded: Mapping[str, str] = field(default_factory=dict)
+    """Rows that are marked invalid, and why: they are not among the readings."""
 
     @property
     def numbers(self) -> dict[str, FloatArray]:
@@ -192,13 +194,17 @@ def read(source: RunSource) -> Readings:
     if spec.response not in samples:
         raise DataError(f"readings.csv has no column {spec.response} of numbers, which [table] response names")
     _require_measurable(samples)
-    _require_uncertainties(samples, spec)
+    _require_only_marks(samples, texts, spec)
+    excluded = excluded_rows(samples, texts)
+    samples.pop(VALID, None)
+    _require_uncertainties(samples, spec, list(excluded))
     expression = _expression(spec, set(samples), set(texts))
     needed = [spec.response, *expression.columns, *(name for name in (spec.order, spec.sigma) if name)]
     # Only what the baseline needs must be there: an effect that needs more says so when it is asked about.
-    rows = readings_of(samples, texts, spec.response, spec.order, needed)
+    rows = readings_of(samples, texts, spec.response, spec.order, needed, list(excluded))
     if rows.size == 0:
-        raise DataError("readings.csv: no row has a response and all that the baseline needs; fill in the gaps")
+        which = "valid row" if excluded else "row"
+        raise DataError(f"readings.csv: no {which} has a response and all that the baseline needs; fill in the gaps")
     columns = {
         name: Column(
             name,
@@ -226,9 +232,10 @@ def read(source: RunSource) -> Readings:
         columns,
         categories,
         expression,
-        tuple(f"row {i + 1}" for i in rows),
+        tuple(map(row_label, rows)),
         np.full(rows.size, _weight(header, response)) if stated is None else stated,
         _blocks(spec, columns, categories, rows.size),
+        {row_label(row): reason for row, reason in excluded.items()},
     )
 
 
@@ -261,13 +268,31 @@ def _require_measurable(samples: dict[str, FloatArray]) -> None:
             )
 
 
-def _require_uncertainties(samples: dict[str, FloatArray], spec: TableSpec) -> None:
+def _require_only_marks(samples: Mapping[str, FloatArray], texts: Mapping[str, list[str]], spec: TableSpec) -> None:
+    """`DataError` where a column says which readings count and is used as a quantity too, or holds anything else."""
+    marks = samples.get(VALID)
+    if marks is None and VALID not in texts:
+        return
+    said = f"column {VALID} says which readings count (1 or 0)"
+    mend = "give a column that says anything else another name"
+    if marks is None or not np.isin(marks[~np.isnan(marks)], (0.0, 1.0)).all():
+        raise DataError(f"readings.csv: {said}, and holds other values; {mend}")
+    named = {"response": spec.response, "order": spec.order, "block": spec.block, "sigma": spec.sigma}
+    for key, name in (*named.items(), *(("batch", name) for name in spec.batch)):
+        if name == VALID:
+            raise DataError(f"recording.toml, [table] {key}: {said}; {mend}")
+    tree = parse(spec.baseline)
+    if VALID in names(tree):
+        raise flaw(next(leaf.at for leaf in leaves(tree) if leaf.name == VALID), f"{said}; {mend}")
+
+
+def _require_uncertainties(samples: dict[str, FloatArray], spec: TableSpec, excluded: Sequence[int]) -> None:
     """`DataError` for a stated uncertainty that is none."""
     if spec.sigma is None:
         return
     if spec.sigma not in samples:
         raise DataError(f"readings.csv has no column {spec.sigma} of numbers, which [table] sigma names")
-    if (wrong := np.flatnonzero(samples[spec.sigma] <= 0.0)).size:
+    if (wrong := np.setdiff1d(np.flatnonzero(samples[spec.sigma] <= 0.0), excluded)).size:
         raise DataError(
             f"readings.csv, row {wrong[0] + 1}: column {spec.sigma} holds {samples[spec.sigma][wrong[0]]:g}, which is"
             " no standard uncertainty; write a positive one, or leave it empty to leave the reading out"

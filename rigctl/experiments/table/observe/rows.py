@@ -16,13 +16,16 @@ def readings_of(
     response: str,
     order: str | None,
     needed: Sequence[str],
+    excluded: Sequence[int] = (),
 ) -> IntArray:
-    """Rows that have all that is `needed`, pasted ones once, sorted by their contents; indices in the file.
+    """Rows that have all that is `needed` and are not `excluded`, pasted ones once, sorted by their contents; indices
+    in the file.
 
     By the column `order` first, then by the others as they stand in the file, words last: blocks that are held out
     and draws of noise thus do not depend on the order of rows.
     """
     rows = np.flatnonzero(np.isfinite([samples[name] for name in needed]).all(axis=0))
+    rows = np.setdiff1d(rows, excluded)
     if not rows.size:
         return rows
     columns = [name for name in samples if name not in (response, order)]
