@@ -23,6 +23,19 @@ READINGS = "readings"
 MAX_RUN_ID_BYTES = 200
 
 
+class TableFlaw(DataError):
+    """What a table asks and its readings cannot answer; `said` is what and the mend.
+
+    `keys` lead to it in recording.toml; without any it is in readings.csv, in the row of the index `row` where one is
+    given.
+    """
+
+    def __init__(self, said: str, keys: tuple[str, ...] = (), row: int | None = None) -> None:
+        self.said, self.keys, self.row = said, keys, row
+        where = "recording.toml, " if keys else "readings.csv: " if row is None else f"readings.csv, row {row + 1}: "
+        super().__init__(where + said)
+
+
 OWN_CLOCK = "own"
 
 

@@ -24,7 +24,8 @@ class Experiment:
     `rigctl.report.drawn.Drawing`.
 
     `tables` are the pydantic models of a campaign file's `[procedure]` and `[targets]`. `columns` is the
-    `rigctl.campaign.layout.Layout` of its runs; without one a recording is a table of readings. Effects, and
+    `rigctl.campaign.layout.Layout` of its runs; without one a recording is a table of readings. Of a table `question`
+    is the function `(source) -> None` that refuses a recording whose question cannot be answered. Effects, and
     procedures beside those of `campaign`, are declared by themselves: `rigctl.core.additions`.
 
     Effects act at `points` of its chain, in the order in which a signal passes, and have one value per each of
@@ -41,6 +42,7 @@ class Experiment:
     campaign: str = ""
     tables: Mapping[str, str] = field(default_factory=dict)
     columns: str = ""
+    question: str = ""
     signature: str = ""
     rank: int = 100
     contract: int = CONTRACT

@@ -51,6 +51,17 @@ def seconds_of_stamps(texts: Sequence[str]) -> FloatArray | None:
     return np.array([np.nan if stamp is None else (stamp - first).total_seconds() for stamp in stamps])
 
 
+def flaw_of_stamps(texts: Sequence[str]) -> tuple[int, str] | None:
+    """The first text that is no time stamp in a column where most are, by index, and why; None for other columns."""
+    given = [(index, text.strip()) for index, text in enumerate(texts) if text.strip()]
+    wrong = [(index, text) for index, text in given if _stamp(text) is None]
+    if not wrong or 2 * len(wrong) >= len(given):
+        return None
+    index, text = wrong[0]
+    why = "a day or time that does not exist" if _DATE.match(text) else "no time stamp such as 2024-05-01T12:00:00Z"
+    return index, f"{text!r}, {why}"
+
+
 def _stamp(text: str) -> datetime | None:
     if not _DATE.match(text):
         return None

@@ -2,6 +2,9 @@
 
 import pytest
 
+from rigctl.campaign.bundle.bundle import import_bundle, read_bundle
+from rigctl.core.errors import DataError
+
 PLATFORM_FLAWS = [
     (2, "pattern", "d", "line 2: pattern is 'd'; write a, b, c, c_tm, custom, flip, scan or noise"),
     (
@@ -144,6 +147,84 @@ def test_text_among_the_response_is_refused_with_its_line(refusal, readings):
         'cell/readings.csv, line 7: column deflection_in holds "0\'11", but [table] response needs numbers; '
         "leave a missing value empty"
     )
+
+
+@pytest.mark.parametrize(
+    ("line", "text", "said"),
+    [
+        (9, "2024-02-30", "holds '2024-02-30', a day or time that does not exist; mend it"),
+        (4, "7 May", "holds '7 May', no time stamp such as 2024-05-01T12:00:00Z; mend it"),
+    ],
+)
+def test_a_time_stamp_that_is_none_is_refused_with_its_own_line(refusal, readings, line, text, said):
+    for number in range(2, 14):
+        readings.set("readings.csv", number, "time_s", f"2024-02-{8 + number}")
+    readings.set("readings.csv", line, "time_s", text)
+    assert refusal(readings.write()).startswith(f"cell/readings.csv, line {line}: column time_s {said}")
+
+
+def test_a_time_stamp_that_is_none_is_told_where_nothing_needs_it(readings):
+    readings.toml = readings.toml.replace('order = "time_s"\n', "")
+    for number in range(2, 14):
+        readings.set("readings.csv", number, "time_s", f"2024-02-{8 + number}")
+    readings.set("readings.csv", 9, "time_s", "2024-02-30")
+    (warning,) = read_bundle(readings.write()).report.warnings
+    assert "readings.csv, line 9: '2024-02-30', a day or time that does not exist, makes column time_s one" in warning
+
+
+def test_fields_between_tabs_are_named(refusal, readings):
+    rows = readings.tables.pop("readings.csv")
+    readings.raw["readings.csv"] = "".join("\t".join(row) + "\n" for row in rows).encode()
+    assert refusal(readings.write()) == (
+        "cell/readings.csv, line 1: fields are separated by tabs; save it with commas and decimal points"
+    )
+
+
+UNANSWERABLE = [
+    ("b0 + b1 * load_lb", "b0 + * load_lb", "recording.toml, line 7: [table] baseline, character 6: "),
+    (
+        "b0 + b1 * load_lb",
+        "b0 + sine(load_lb)",
+        "recording.toml, line 7: [table] baseline, character 6: unknown func",
+    ),
+    ("b0 + b1 * load_lb", "b0 + b1 * deflection_in", "recording.toml, line 7: [table] baseline, character 11: def"),
+    ("b0 + b1 * load_lb", "b0 + b1 + load_lb", "recording.toml, line 7: [table] baseline: the fit is singular: "),
+    ("b1 = 1e-6", "b7 = 1e-6", "recording.toml, line 8: [table] start: b7 is no parameter of the baseline; "),
+    ('block = "day"', 'block = "one"', "readings.csv: column one holds one value only, but [table] block needs two"),
+    ('block = "day"', 'sigma = "load_lb"', "readings.csv, line 2: column load_lb holds 0, which is no standard unc"),
+    (
+        'block = "day"',
+        "[table.constants.time_s]\nvalue = 1",
+        "recording.toml, line 10: [table.constants]: time_s is a",
+    ),
+    (
+        'block = "day"',
+        "[table.constants.c]\nvalue = 1",
+        "recording.toml, line 10: [table.constants]: c is not in the",
+    ),
+]
+
+
+@pytest.mark.parametrize(("was", "flaw", "said"), UNANSWERABLE)
+def test_a_table_that_no_command_could_use_is_refused_and_leaves_nothing(readings, tmp_path, was, flaw, said):
+    assert was in readings.toml
+    readings.toml = readings.toml.replace(was, flaw, 1)
+    header, *rows = readings.tables["readings.csv"]
+    readings.tables["readings.csv"] = [[*header, "one"], *([*row, "1"] for row in rows)]
+    bundle = readings.write()
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(DataError) as refused:
+        import_bundle(bundle, tmp_path / "s.rig.sqlite")
+    assert str(refused.value).startswith(f"{bundle}/{said}")
+    assert str(refused.value).isprintable()
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_too_few_readings_for_the_parameters_are_refused(readings, tmp_path):
+    readings.tables["readings.csv"] = readings.tables["readings.csv"][:3]
+    readings.toml = readings.toml.replace('block = "day"\n', "")
+    with pytest.raises(DataError, match=r"cell/readings\.csv: 2 usable readings for 2 parameters; add readings"):
+        import_bundle(readings.write(), tmp_path / "s.rig.sqlite")
 
 
 @pytest.mark.parametrize(("column", "text"), [("deflection_in", "inf"), ("load_lb", "1e400"), ("empty", "-1e308")])

@@ -106,6 +106,11 @@ def test_where_all_readings_are_marked_invalid_there_is_nothing_to_fit() -> None
         TableStudy(_recording({"y": 1.0 + X, "x": X, "valid": np.zeros(40)}))
 
 
+def test_a_difference_of_columns_is_one_though_a_column_has_its_text_for_a_name() -> None:
+    study = TableStudy(_recording({"y": 1.0 + NOISE, "x": X, "z": X**2, "x-z": X - X**2}, "b0 + b1 * (x-z)"))
+    assert study.data.readings.expression.columns == ("x", "z")
+
+
 def test_order_makes_stretches_and_block_its_own_blocks() -> None:
     shuffled = np.random.default_rng(6).permutation(40).astype(float)
     base = {"y": 1.0 + X + NOISE, "x": X, "time_s": shuffled, "day": ["Mon", "Tue"] * 20}
@@ -385,6 +390,16 @@ def test_a_plugin_that_does_nothing_here_or_fails_here_says_so() -> None:
         ("b0 + b1*y", {}, "character 9: y is the response; it cannot stand on the right side too"),
         ("b0 + b1*day", {}, "character 9: column day holds text"),
         ("2 * x", {}, "no parameter to fit"),
+        (
+            "b0 + b1*load-kN",
+            {},
+            "character 9: column load-kN cannot be named: names in a baseline are letters, digits",
+        ),
+        (
+            "b0 + b1*load kN",
+            {},
+            "character 9: column load kN cannot be named: names in a baseline are letters, digits",
+        ),
         ("b0 + x", {"start": {"b7": 1.0}}, "start: b7 is no parameter of the baseline; its parameters are b0"),
         ("b0 + 0*b1*x", {}, "parameter b1 drops out"),
         ("b0 + log(-x)*b1", {}, "log of zero in row 1"),
@@ -396,7 +411,7 @@ def test_a_plugin_that_does_nothing_here_or_fails_here_says_so() -> None:
 def test_a_question_that_cannot_be_asked_is_refused_in_one_line(
     baseline: str, spec: dict[str, Any], message: str
 ) -> None:
-    columns = {"y": 1.0 + X, "x": X, "day": ["Mon"] * 40, "same": np.ones(40)}
+    columns = {"y": 1.0 + X, "x": X, "day": ["Mon"] * 40, "same": np.ones(40), "load-kN": X, "load kN": X}
     with pytest.raises(DataError) as caught:
         TableStudy(_recording(columns, baseline, **spec))
     assert message in str(caught.value)

@@ -152,10 +152,10 @@ def test_a_constant_that_cannot_be_is_refused_with_its_line(tmp_path: Path, cons
 )
 def test_a_constant_that_the_baseline_has_not_is_refused(tmp_path: Path, name: str, said: str) -> None:
     store = tmp_path / "t.rig.sqlite"
-    import_bundle(_bundle(tmp_path / "table"), store, constants={**FILE, name: TableConstant(1.0)}).close()
     with pytest.raises(DataError) as refused:
-        Campaign.fit(store)
+        import_bundle(_bundle(tmp_path / "table"), store, constants={**FILE, name: TableConstant(1.0)})
     assert said in str(refused.value)
+    assert not store.exists()
 
 
 def test_constants_that_leave_no_fit_are_named(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.campaign.table_constants import TableConstants
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.experiments import of_readings
+from rigctl.core.experiments import experiment_named, of_readings
 
 _PIECE = 1 << 20
 
@@ -42,7 +42,8 @@ def import_bundle(path: Path, store_path: Path, constants: TableConstants | None
     """A new store with the recording in the bundle at `path`; `import_report` tells what was found.
 
     `constants` of a table's baseline stand in place of those of its recording.toml.
-    Runs are read one at a time. `DataError` as `read_bundle`, and when `store_path` exists; then nothing is left.
+    Runs are read one at a time; the baseline of a table is fitted once. `DataError` as `read_bundle`, where that
+    cannot be done, and when `store_path` exists; then nothing is left.
     """
     if store_path.exists():
         raise DataError(f"{store_path}: exists already; name another store")
@@ -66,11 +67,23 @@ def import_bundle(path: Path, store_path: Path, constants: TableConstants | None
 def _fill(path: Path, reader: BundleReader, header: Header) -> None:
     with Store.create(path, header) as store, store.filling():
         for record, samples in reader.runs():
+            if header.table is not None:
+                _require_answerable(reader, Recording(header, (record,), {record.run_id: samples}, ImportReport(1)))
             with store.begin_run(record.key, record.step, record.conditions, record.run_id) as writer:
                 for piece in _pieces(samples):
                     writer.append(piece)
                 writer.finish(valid=record.valid, reason=record.reason)
         store.add_event(IMPORTED, asdict(reader.report))
+
+
+def _require_answerable(reader: BundleReader, readings: Recording) -> None:
+    """`DataError` for a table that no command could use: a store could not be mended."""
+    declared = experiment_named(readings.header.experiment)
+    if declared.question:
+        try:
+            declared.load(declared.question)(readings)
+        except DataError as error:
+            raise reader.located(error) from error
 
 
 def _pieces(samples: Mapping[str, FloatArray]) -> Iterator[dict[str, FloatArray]]:

@@ -99,9 +99,10 @@ def check_header(place: Place, line: int, header: Sequence[str]) -> None:
     """`DataError` unless `header` names every column, each once, and at most `COLUMNS` of them."""
     if len(header) > COLUMNS:
         raise place.error(f"{len(header)} columns, but at most {COLUMNS} are read; leave out what nobody needs", line)
-    # What a spreadsheet with a decimal comma writes.
-    if len(header) == 1 and ";" in header[0]:
-        raise place.error("fields are separated by semicolons; save it with commas and decimal points", line)
+    # What a spreadsheet with a decimal comma writes, or one that is copied from.
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and separator in header[0]:
+            raise place.error(f"fields are separated by {name}; save it with commas and decimal points", line)
     if all(is_number(name) for name in header):
         raise place.error("numbers where the header belongs; write the column names in the first line", line)
     for index, name in enumerate(header):

@@ -13,7 +13,7 @@ import numpy as np
 from rigctl.campaign.bundle.checks import check_own_clock, check_samples
 from rigctl.campaign.bundle.csv_table import CsvTable, is_number, numbers_or_text, read_table
 from rigctl.campaign.bundle.files import HEADER_FILE, BundleFiles
-from rigctl.campaign.bundle.recording_toml import read_header
+from rigctl.campaign.bundle.recording_toml import parse_toml, read_header
 from rigctl.campaign.bundle.sample_file import (
     SUFFIXES,
     SampleFile,
@@ -21,17 +21,27 @@ from rigctl.campaign.bundle.sample_file import (
     read_sample_file,
 )
 from rigctl.campaign.layout import Field, Layout, face, flag, layout_of, number
-from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id, own_clocks, time_column
+from rigctl.campaign.recording import (
+    READINGS,
+    ImportReport,
+    RunRecord,
+    TableFlaw,
+    flaw_of_run_id,
+    own_clocks,
+    time_column,
+)
 from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
+from rigctl.core.errors import DataError
 from rigctl.core.numbers import is_missing
-from rigctl.core.readings import VALID, excluded_rows, pasted_rows, row_label, seconds_of_stamps
+from rigctl.core.readings import VALID, excluded_rows, flaw_of_stamps, pasted_rows, row_label, seconds_of_stamps
 from rigctl.core.units import doubt_of_constant
 
 RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
 
 PATTERN_COLUMNS = ("pattern", "period_s", "dwell_index", "sign_cos_theta", "start_s", "stop_s")
 STEP = "import"
+READINGS_FILE = "readings.csv"
 
 
 class BundleReader:
@@ -42,6 +52,7 @@ class BundleReader:
         self._warnings: list[str] = []
         self._invalid: list[tuple[str, str]] = []
         self._count = 0
+        self._lines: Sequence[int] = ()
         self.header = read_header(
             files.place(HEADER_FILE), files.read(HEADER_FILE, TOML_BYTES, "a bundle says there what it holds")
         )
@@ -69,6 +80,19 @@ class BundleReader:
             if not record.valid:
                 self._invalid.append((record.run_id, record.reason))
             yield record, samples
+
+    def located(self, error: DataError) -> DataError:
+        """What was found when the readings were tried, with the file of this bundle and the line."""
+        if not isinstance(error, TableFlaw):
+            return DataError(f"{self._files.path}: {error}")
+        if error.keys:
+            place = self._files.place(HEADER_FILE)
+            return place.error(
+                error.said, parse_toml(place, self._files.read(HEADER_FILE, TOML_BYTES)).line_of(error.keys)
+            )
+        return self._files.place(READINGS_FILE).error(
+            error.said, None if error.row is None else self._lines[error.row]
+        )
 
     def _measured(self, layout: Layout) -> Iterator[RunWithSamples]:
         data = self._files.read("runs.csv", TABLE_BYTES, "add it, one row per run")
@@ -130,12 +154,13 @@ class BundleReader:
         return RunRecord(run_id, run_id, STEP, conditions, valid, "; ".join(reasons))
 
     def _readings(self) -> Iterator[RunWithSamples]:
-        place = self._files.place("readings.csv")
+        place = self._files.place(READINGS_FILE)
         table = read_table(
-            place, self._files.read("readings.csv", TABLE_BYTES, "add it, one row per reading"), TABLE_ROWS
+            place, self._files.read(READINGS_FILE, TABLE_BYTES, "add it, one row per reading"), TABLE_ROWS
         )
         if not table.rows:
             raise place.error("no readings; add a row per reading", 1)
+        self._lines = table.lines
         samples: dict[str, FloatArray] = {}
         texts: dict[str, list[str]] = {}
         for name in table.header:
@@ -149,6 +174,12 @@ class BundleReader:
                 samples[name] = np.array(values, dtype=np.float64)
             else:
                 texts[name] = table.column(name)
+                if flaw := flaw_of_stamps(texts[name]):
+                    row, why = flaw
+                    mend = "mend it, or leave a missing value empty"
+                    self._warnings.append(
+                        str(place.error(f"{why}, makes column {name} one of text; {mend}", table.lines[row]))
+                    )
         self._require_question(table, samples)
         excluded = excluded_rows(samples, texts)
         self._invalid += [(row_label(row), reason) for row, reason in excluded.items()]
@@ -190,6 +221,11 @@ class BundleReader:
             _require_columns(table, [name], f", which [table] {key} names")
             # A column of time stamps is text here and becomes seconds when it is analysed.
             if numeric and name not in samples and seconds_of_stamps(table.column(name)) is None:
+                if flaw := flaw_of_stamps(table.column(name)):
+                    row, why = flaw
+                    raise table.place.error(
+                        f"column {name} holds {why}; mend it, or leave a missing value empty", table.lines[row]
+                    )
                 line, text = next((n, t) for n, t in table.fields(name) if not (is_missing(t) or is_number(t)))
                 raise table.place.error(
                     f"column {name} holds {text!r}, but [table] {key} needs numbers; leave a missing value empty",

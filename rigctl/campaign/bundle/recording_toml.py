@@ -39,9 +39,10 @@ class TomlDocument:
 
     def error(self, keys: tuple[str, ...], message: str) -> DataError:
         """A `DataError` about the value at `keys`; `message` says what is wrong and the mend."""
-        return self.place.error(f"{'.'.join(keys)} {message}", self._line_of(keys))
+        return self.place.error(f"{'.'.join(keys)} {message}", self.line_of(keys))
 
-    def _line_of(self, keys: tuple[str, ...]) -> int | None:
+    def line_of(self, keys: tuple[str, ...]) -> int | None:
+        """The line of a key, or of the section in which it is missing; None where that is missing too."""
         best, depth = None, 0
         section: tuple[str, ...] = ()
         for number, line in enumerate(self.text.split("\n"), 1):

@@ -7,6 +7,7 @@ EXPERIMENT = Experiment(
     analysis="rigctl.experiments.table.analysis",
     report="rigctl.report.experiments.table",
     points=("response",),
+    question="rigctl.experiments.table.study:require_fit",
     trial_run="rigctl.experiments.table.trial_run:trial_run",
     rank=4,
 )

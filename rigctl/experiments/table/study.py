@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.campaign.recording import RunSource
+from rigctl.campaign.recording import RunSource, TableFlaw
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.table.asked import Asked
 from rigctl.experiments.table.candidates import spans_of
@@ -35,6 +35,7 @@ from rigctl.workbench.study import (
     Term,
 )
 from rigctl.workbench.study_base import StudyBase
+from rigctl.workbench.verdict.fitted_model import fit_with_given_noise
 
 # Places along a grid from which a fit is tried where the one from the best place does not converge.
 _RESTARTS = 8
@@ -210,9 +211,16 @@ class TableStudy(StudyBase[TableData]):
     def _require_enough(self, parameters: int) -> None:
         rows = self.observations.value.size
         if rows <= parameters:
-            raise DataError(
-                f"readings.csv: {rows} usable readings for {parameters} parameters; add readings, or leave terms out"
-            )
+            raise TableFlaw(f"{rows} usable readings for {parameters} parameters; add readings, or leave terms out")
+
+
+def require_fit(source: RunSource) -> None:
+    """`DataError` where the baseline of a table cannot be fitted to its readings, as every command would find."""
+    model = TableStudy(source).model(())
+    try:
+        fit_with_given_noise(model, {})
+    except ProcedureError as error:
+        raise TableFlaw(f"[table] baseline: {error}", ("table", "baseline")) from None
 
 
 def _is_linear(piece: Piece | GroupPiece) -> bool:

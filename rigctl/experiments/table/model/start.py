@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from rigctl.analysis.column_sums import StepSums
 from rigctl.analysis.decomposition import svd
 from rigctl.analysis.least_squares import FitResult, Parameter
+from rigctl.campaign.recording import TableFlaw
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.table.model.descent import descend
@@ -202,9 +203,10 @@ def _searched(readings: Readings, missing: list[str]) -> FloatArray:
     drawn = sorted((each for each in drawn if np.isfinite(each[0])), key=lambda each: each[0])
     fits = [fit for _, start in drawn[:_TRIED] if (fit := _fitted(readings, start)) and fit.verdict == "converged"]
     if not fits:
-        raise DataError(
-            "recording.toml, [table] start: the baseline is not linear in "
-            f"{', '.join(missing)}, and no start values could be found for it; give them in start = {{ ... }}"
+        raise TableFlaw(
+            f"[table] start: the baseline is not linear in {', '.join(missing)}, and no start values could be found"
+            " for it; give them in start = { ... }",
+            ("table", "start"),
         )
     return min(fits, key=lambda fit: fit.chi2).values
 
@@ -236,9 +238,10 @@ def _refuse_without_influence(readings: Readings) -> None:
         idle -= set(np.flatnonzero((~np.isfinite(slopes) | (slopes != 0.0)).any(axis=0)).tolist())
         if not idle:
             return
-    raise DataError(
-        f"recording.toml, [table] baseline: parameter {names[min(idle)]} drops out, the response does not depend on"
-        " it; leave it out, or mend the expression"
+    raise TableFlaw(
+        f"[table] baseline: parameter {names[min(idle)]} drops out, the response does not depend on it; leave it out,"
+        " or mend the expression",
+        ("table", "baseline"),
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
+from rigctl.campaign.recording import READINGS, Header, RunSource, TableFlaw, TableSpec
 from rigctl.core.arrays import FloatArray, IntArray, TextArray
 from rigctl.core.errors import DataError
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
@@ -25,6 +26,7 @@ _WINDOW_LOW, _WINDOW_HIGH = 0.25, 0.5
 _VALUES_OF_A_SMALL_CLUSTER = 8
 _GUESSED_NOISE = 1e-4
 """Noise where none is declared, relative to the response's standard deviation."""
+_NAME = re.compile(r"[^\W\d]\w*")
 BLOCKS_MAX = 7
 STRETCHES_MAX = 6
 
@@ -192,7 +194,7 @@ def read(source: RunSource) -> Readings:
     numbers, texts, stamps = _columns(source)
     samples = {**numbers, **stamps}
     if spec.response not in samples:
-        raise DataError(f"readings.csv has no column {spec.response} of numbers, which [table] response names")
+        raise TableFlaw(f"no column {spec.response} of numbers, which [table] response names")
     _require_measurable(samples)
     _require_only_marks(samples, texts, spec)
     excluded = excluded_rows(samples, texts)
@@ -204,7 +206,7 @@ def read(source: RunSource) -> Readings:
     rows = readings_of(samples, texts, spec.response, spec.order, needed, list(excluded))
     if rows.size == 0:
         which = "valid row" if excluded else "row"
-        raise DataError(f"readings.csv: no {which} has a response and all that the baseline needs; fill in the gaps")
+        raise TableFlaw(f"no {which} has a response and all that the baseline needs; fill in the gaps")
     columns = {
         name: Column(
             name,
@@ -219,8 +221,8 @@ def read(source: RunSource) -> Readings:
     numbered = {name: Category(name, _digits(columns.pop(name).values)) for name in batches}
     stated = columns.pop(spec.sigma).values if spec.sigma else None
     if rows.size > 1 and not response.standard_deviation > np.finfo(float).tiny:
-        raise DataError(
-            f"readings.csv: column {spec.response} is the same in every row; name a response that changes, or write"
+        raise TableFlaw(
+            f"column {spec.response} is the same in every row; name a response that changes, or write"
             " it with more digits or in a smaller unit"
         )
     # A number that names a batch is a word: its size means nothing.
@@ -262,9 +264,10 @@ def _require_measurable(samples: dict[str, FloatArray]) -> None:
     for name, values in samples.items():
         if not measurable(values):
             row = int(np.argmax(np.abs(np.nan_to_num(values, nan=0.0)) > MAGNITUDE_MAX))
-            raise DataError(
-                f"readings.csv, row {row + 1}: column {name} holds {values[row]:g}, which nobody can have measured;"
-                " mend it, or leave a missing value empty"
+            raise TableFlaw(
+                f"column {name} holds {values[row]:g}, which nobody can have measured;"
+                " mend it, or leave a missing value empty",
+                row=row,
             )
 
 
@@ -276,11 +279,11 @@ def _require_only_marks(samples: Mapping[str, FloatArray], texts: Mapping[str, l
     said = f"column {VALID} says which readings count (1 or 0)"
     mend = "give a column that says anything else another name"
     if marks is None or not np.isin(marks[~np.isnan(marks)], (0.0, 1.0)).all():
-        raise DataError(f"readings.csv: {said}, and holds other values; {mend}")
+        raise TableFlaw(f"{said}, and holds other values; {mend}")
     named = {"response": spec.response, "order": spec.order, "block": spec.block, "sigma": spec.sigma}
     for key, name in (*named.items(), *(("batch", name) for name in spec.batch)):
         if name == VALID:
-            raise DataError(f"recording.toml, [table] {key}: {said}; {mend}")
+            raise TableFlaw(f"[table] {key}: {said}; {mend}", ("table", key))
     tree = parse(spec.baseline)
     if VALID in names(tree):
         raise flaw(next(leaf.at for leaf in leaves(tree) if leaf.name == VALID), f"{said}; {mend}")
@@ -291,20 +294,34 @@ def _require_uncertainties(samples: dict[str, FloatArray], spec: TableSpec, excl
     if spec.sigma is None:
         return
     if spec.sigma not in samples:
-        raise DataError(f"readings.csv has no column {spec.sigma} of numbers, which [table] sigma names")
+        raise TableFlaw(f"no column {spec.sigma} of numbers, which [table] sigma names")
     if (wrong := np.setdiff1d(np.flatnonzero(samples[spec.sigma] <= 0.0), excluded)).size:
-        raise DataError(
-            f"readings.csv, row {wrong[0] + 1}: column {spec.sigma} holds {samples[spec.sigma][wrong[0]]:g}, which is"
-            " no standard uncertainty; write a positive one, or leave it empty to leave the reading out"
+        raise TableFlaw(
+            f"column {spec.sigma} holds {samples[spec.sigma][wrong[0]]:g}, which is no standard uncertainty; write a"
+            " positive one, or leave it empty to leave the reading out",
+            row=int(wrong[0]),
         )
 
 
+def _require_names(baseline: str, columns: set[str]) -> None:
+    """`DataError` where a baseline has the name of a column that an expression would read as several: `load-kN`."""
+    for column in columns:
+        parts = set(_NAME.findall(column))
+        found = re.search(rf"(?<!\w){re.escape(column)}(?!\w)", baseline)
+        if found and not _NAME.fullmatch(column) and not parts <= columns:
+            raise flaw(
+                found.start(),
+                f"column {column} cannot be named: names in a baseline are letters, digits and _; rename the column",
+            )
+
+
 def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expression:
+    _require_names(spec.baseline, numeric | texts)
     _require_constants(spec, numeric | texts)
     expression = Expression.read(spec.baseline, numeric, _values(spec))
     for name in CONSTANTS:
         if name in numeric:
-            raise DataError(f"readings.csv: column {name} has the name of a constant; rename the column")
+            raise TableFlaw(f"column {name} has the name of a constant; rename the column")
     for name in expression.columns + expression.parameters:
         if name == spec.response:
             raise flaw(expression.position(name), f"{name} is the response; it cannot stand on the right side too")
@@ -314,9 +331,10 @@ def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expressi
         raise flaw(0, "no parameter to fit; write one, such as b0, a name that is no column")
     for name in spec.start:
         if name not in expression.parameters:
-            raise DataError(
-                f"recording.toml, [table] start: {name} is no parameter of the baseline;"
-                f" its parameters are {', '.join(expression.parameters)}"
+            raise TableFlaw(
+                f"[table] start: {name} is no parameter of the baseline;"
+                f" its parameters are {', '.join(expression.parameters)}",
+                ("table", "start", name),
             )
     return expression
 
@@ -332,10 +350,13 @@ def _require_constants(spec: TableSpec, columns: set[str]) -> None:
     for name in spec.constants:
         if name in columns or name in CONSTANTS:
             what = "is a column of readings.csv" if name in columns else "has its value already"
-            raise DataError(f"recording.toml, [table.constants]: {name} {what}; give the constant another name")
+            raise TableFlaw(
+                f"[table.constants]: {name} {what}; give the constant another name", ("table", "constants", name)
+            )
         if name not in used:
-            raise DataError(
-                f"recording.toml, [table.constants]: {name} is not in the baseline; write it there, or leave it out"
+            raise TableFlaw(
+                f"[table.constants]: {name} is not in the baseline; write it there, or leave it out",
+                ("table", "constants", name),
             )
 
 
@@ -362,8 +383,8 @@ def _blocks(spec: TableSpec, columns: dict[str, Column], categories: dict[str, C
         column = categories[spec.block] if spec.block in categories else columns[spec.block]
         blocks = np.unique(column.values, return_inverse=True)[1]
         if blocks.max() == 0:
-            raise DataError(
-                f"readings.csv: column {spec.block} holds one value only, but [table] block needs two blocks or more;"
+            raise TableFlaw(
+                f"column {spec.block} holds one value only, but [table] block needs two blocks or more;"
                 " name another column, or leave block out"
             )
         return np.asarray(blocks, dtype=np.intp)

@@ -7,8 +7,9 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from rigctl.campaign.recording import TableFlaw
 from rigctl.core.bounds import EXPRESSION_CHARACTERS
-from rigctl.core.errors import DataError, one_line
+from rigctl.core.errors import one_line
 from rigctl.core.numbers import decimal
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan")
@@ -94,9 +95,9 @@ def leaves(node: Node) -> Iterator[Name]:
             yield from leaves(operand)
 
 
-def flaw(at: int, what: str) -> DataError:
+def flaw(at: int, what: str) -> TableFlaw:
     """An error at a character of the expression, counted from 1."""
-    return DataError(f"recording.toml, [table] baseline, character {at + 1}: {one_line(what)}")
+    return TableFlaw(f"[table] baseline, character {at + 1}: {one_line(what)}", ("table", "baseline"))
 
 
 def _require_order(tokens: list[_Token], end: int) -> None:
