@@ -194,6 +194,14 @@ def test_what_cannot_be_added_or_removed_is_one_line_and_changes_nothing(bench: 
     assert bench.rigctl("model", "show", bench.store, "--json").json["version"] == 2
 
 
+@pytest.mark.parametrize("effects", [["linear[load_n]"], ["power2[load_n]", "linear[load_n]"]])
+def test_what_these_data_cannot_tell_from_the_model_is_not_added(bench: Any, effects: list[str]) -> None:
+    added = bench.rigctl("model", "add", bench.store, *effects)
+    added.refused(2, "cannot be added to a model of these data", "these data cannot tell linear[load_n] from")
+    assert bench.rigctl("model", "show", bench.store, "--json").json["effects"] == []
+    assert bench.rigctl("fit", bench.store).status == 0
+
+
 def test_a_scanned_effect_gets_its_choice(bench: Any) -> None:
     (added,) = bench.rigctl("model", "add", bench.store, "step[day]", "--json").json
     (term,) = added["terms"]

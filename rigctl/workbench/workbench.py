@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.campaign.store.store import Store
-from rigctl.core.errors import UNFIT, ConfigError, DataError
+from rigctl.core.errors import UNFIT, ConfigError, DataError, ProcedureError
 from rigctl.core.threads import one_thread
 from rigctl.effects.catalogue import unknown_effect
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
@@ -308,12 +308,13 @@ class Workbench:
                     progress(f"fitting version {version.version}")
                 found = self.fit(version).as_json()
             except UNFIT as error:
-                return {**rung, "chi2_per_dof": None, "error_fit": None, "error_held_out": None, "note": str(error)}
+                return {**rung, **dict.fromkeys(RUNG), "note": str(error)}
         return {**rung, **{key: found[key] for key in RUNG}}
 
     @one_thread
     def add(self, effects: Sequence[str]) -> list[ModelVersion]:
-        """One new version per effect, all of them or none; `ConfigError` for one that is unknown or there already."""
+        """One new version per effect, all of them or none; `ConfigError` for one that is unknown or there already,
+        `DataError` where the data do not determine the model with all of them."""
         from rigctl.workbench.verdict.promise import joint_fit
 
         self._require_known(effects)
@@ -321,12 +322,29 @@ class Workbench:
         for effect in effects:
             added.append(self._term(effect, (*now.terms, *added)))
         joint = joint_fit(versions.last_diagnosis(self.store), added)
+        self._require_determined((*now.terms, *added), added, joint)
         last = len(added) - 1
         return [
             # The fit of all together belongs to the version that has them all.
             versions.extend(self.store, term, self.source_of(term.effect), joint if number == last else None)
             for number, term in enumerate(added)
         ]
+
+    def _require_determined(
+        self,
+        terms: Sequence[Term],
+        added: Sequence[Term],
+        joint: tuple[Mapping[str, float], Sequence[str]] | None,
+    ) -> None:
+        """`DataError` unless a fit with these terms tells all of those that are `added`: every command would fail."""
+        from rigctl.workbench.verdict.fitted_model import fit_with_given_noise
+
+        start, held = joint or ({}, ())
+        try:
+            fit_with_given_noise(self.study.model(terms), start, held=frozenset(held))
+        except ProcedureError as error:
+            names = ", ".join(f"'{term.effect}'" for term in added)
+            raise DataError(f"{names} cannot be added to a model of these data: {error}") from None
 
     def remove(self, effects: Sequence[str]) -> list[ModelVersion]:
         """One new version per effect, without it; `ConfigError` for one that is not in the model."""

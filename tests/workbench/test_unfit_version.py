@@ -18,7 +18,7 @@ from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording,
 from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import ProcedureError
+from rigctl.core.errors import DataError, ProcedureError
 from rigctl.experiments.table.study import TableStudy
 from rigctl.report.document import write_report
 from rigctl.workbench.model import versions
@@ -66,7 +66,19 @@ def test_a_version_that_is_not_determined_has_a_note_and_the_next_one_its_fit(st
     first, alone, both = bench.history()
     assert alone["error_fit"] is None
     assert "cannot tell linear[b]" in alone["note"]
+    assert alone.keys() - {"note"} == first.keys()
+    assert {key for key, value in alone.items() if value is None} >= {"rms", "minus_2_log_l", "noise", "result"}
     assert both["error_fit"] < 0.5 * first["error_fit"]
+
+
+def test_it_is_added_beside_what_tells_it_and_not_alone(store: Store) -> None:
+    bench = workbench_of(store)
+    with pytest.raises(
+        DataError, match=r"'linear\[b\]' cannot be added to a model of these data: the fit is singular"
+    ):
+        bench.add([ALONE])
+    assert [each.effects for each in versions.versions(store)] == [()]
+    assert [each.effects for each in bench.add(["linear[a]", ALONE])] == [("linear[a]",), ("linear[a]", ALONE)]
 
 
 def test_a_report_leaves_it_out(store: Store, tmp_path: Path) -> None:

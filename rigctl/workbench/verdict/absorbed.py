@@ -79,6 +79,6 @@ def _require_a_part_of_each(model: Model, held: Collection[int], scanned: Collec
         ]
         if parts and set(parts) <= set(held):
             raise ProcedureError(
-                f"the fit is singular: these runs cannot tell {term.effect} from the other parameters; "
-                "remove it, or measure at other frequencies or angles"
+                f"the fit is singular: these data cannot tell {term.effect} from the other parameters of the model; "
+                "leave it out, or measure where the two differ"
             )
