@@ -319,6 +319,21 @@ def test_what_runs_are_reduced_to_is_kept_for_what_is_asked_next(done: Any) -> N
         assert store.reduced_names(str(recipe(()))) == {run.run_id for run in store.runs()}
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["looked again", "--invalid", "--valid"], "give --valid or --invalid, one of the two"),
+        (["looked again"], "give --valid or --invalid, one of the two"),
+        (["", "--invalid"], "REASON is empty"),
+        ([" ", "--valid"], "REASON is empty"),
+    ],
+)
+def test_a_mark_says_one_thing_and_why(done: Any, arguments: list[str], said: str) -> None:
+    before = done.rigctl("status", done.store, "--json").json["runs_invalid"]
+    done.rigctl("mark", done.store, "1", *arguments).refused(2, said)
+    assert done.rigctl("status", done.store, "--json").json["runs_invalid"] == before
+
+
 def test_runs_are_marked_by_their_name(done: Any) -> None:
     done.rigctl("mark", done.store, "77", "--invalid", "a truck").refused(2, "no run 77", "nearest")
     assert done.rigctl("mark", done.store, "1", "--invalid", "a truck went by").status == 0

@@ -10,6 +10,7 @@ import typer
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
 from rigctl.cli.io import Json, StoreFile, print_outcome, tell
+from rigctl.core.errors import ConfigError
 from rigctl.report.status_lines import status_lines
 
 if TYPE_CHECKING:
@@ -71,10 +72,15 @@ def mark(
     store: StoreFile,
     run_id: Annotated[str, typer.Argument(metavar="RUN")],
     reason: Annotated[str, typer.Argument(metavar="REASON")],
-    valid: Annotated[bool, typer.Option("--valid/--invalid", help="Use the run, or leave it out.")],
+    valid: Annotated[bool, typer.Option("--valid", help="Use the run.")] = False,
+    invalid: Annotated[bool, typer.Option("--invalid", help="Leave the run out.")] = False,
     as_json: Json = False,
 ) -> None:
     """Declare a run valid or invalid, with the reason."""
+    if valid == invalid:
+        raise ConfigError("mark: give --valid or --invalid, one of the two")
+    if not reason.strip():
+        raise ConfigError("mark: REASON is empty; say why, for whoever reads the result")
     with Store.open(store) as opened:
         opened.mark(run_id, valid, reason)
     text = f"run {run_id} is {'valid' if valid else 'invalid'}: {reason}"
