@@ -100,7 +100,7 @@ def certificate_of(
         "model": model,
         "excluded": excluded.as_json(),
         "traceability": details.traceability,
-        "warnings": _warnings(store, state, model["inadequate"] if result.of_model else "", equipment, excluded),
+        "warnings": _warnings(store, state, model if result.of_model else {}, equipment, excluded),
         "remarks": [*result.remarks, *details.remarks],
         "not_stated": _not_stated(details, dates),
         "details_sha256": hashlib.sha256(details.text.encode()).hexdigest() if details.text else None,
@@ -234,7 +234,7 @@ def _budget(result: MeasurementResult) -> list[dict[str, Any]]:
 
 
 def _warnings(
-    store: Store, state: str, inadequate: str, equipment: Sequence[Instrument], excluded: Excluded
+    store: Store, state: str, model: Mapping[str, Any], equipment: Sequence[Instrument], excluded: Excluded
 ) -> list[str]:
     """What a reader must not overlook."""
     found = []
@@ -242,8 +242,10 @@ def _warnings(
         found.append("Measured on simulated instruments: no item was calibrated, and this certifies none.")
     if state:
         found.append(f"Unfinished: {state}.")
-    if inadequate:
+    if inadequate := model.get("inadequate"):
         found.append(f"{inadequate} The stated uncertainties do not cover that.")
+    if stated := model.get("stated_sigma"):
+        found.append(stated)
     found += [f"{each.name}: {warning}." for each in equipment for warning in each.warnings]
     if excluded.worst_shift is not None and excluded.worst_shift > 1.0:
         found.append("The excluded runs change a result by more than its expanded uncertainty.")

@@ -11,6 +11,8 @@ from rigctl.report.verdicts import (
     comparison_sentence,
     inseparable_sentences,
     model_name,
+    noise_sentence,
+    stated_sentence,
     verdict_sentence,
 )
 from rigctl.workbench.workbench import ALPHA, Workbench
@@ -26,7 +28,8 @@ def model_in_force(bench: Workbench, tell: Callable[[str], None]) -> dict[str, A
         "plugins": {effect: vars(plugin) for effect, plugin in version.plugins.items()},
     }
     if not bench.store.runs(valid_only=True):
-        return {**said, "adequacy": "", "verdict": "", "inseparable": [], "warnings": [], "inadequate": ""}
+        nothing = {"adequacy": "", "verdict": "", "inseparable": [], "warnings": [], "inadequate": ""}
+        return {**said, **nothing, "noise": "", "stated_sigma": ""}
     fit = bench.model_fit()
     verdict, inseparable, lacks = _diagnosed(bench, tell)
     described = comparison_sentence(fit)
@@ -39,6 +42,8 @@ def model_in_force(bench: Workbench, tell: Callable[[str], None]) -> dict[str, A
         "inseparable": inseparable,
         "warnings": list(fit.get("warnings") or ()),
         "inadequate": inadequate,
+        "noise": noise_sentence(fit),
+        "stated_sigma": stated_sentence(fit),
     }
 
 

@@ -292,7 +292,7 @@ def _model(content: Content) -> Iterator[str | ResultTable | Sequence[str]]:
         yield [
             f"{effect} comes from a plug-in, SHA-256 {each['sha256']}" for effect, each in model["plugins"].items()
         ]
-    yield from filter(None, [model["adequacy"], model["verdict"]])
+    yield from filter(None, [model["adequacy"], model["noise"], model["verdict"]])
     if model["warnings"]:
         yield list(model["warnings"])
     if model["inseparable"]:

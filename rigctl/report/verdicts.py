@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigctl.report.quantities import counted, number, p_value, quantity, share
+from rigctl.workbench.scatter import LEAST_DOF
 
 Findings = Mapping[str, Any]
 
@@ -70,6 +71,9 @@ def _noise(entry: Findings) -> str:
     name = f"{entry['channel']} {entry['component']}".strip()
     along = f" along {entry['order']}" if entry["order"] and entry["model"] != "white" else ""
     size = f"{number(entry['sigma'])} {entry['unit']}".strip()
+    if entry["source"] == "stated" and not math.isfinite(entry["dof"] or math.inf):
+        kept = f"below {LEAST_DOF} degrees of freedom the scatter does not correct that"
+        return f"{name} {entry['model']}, {size} as stated; {kept}"
     how = f", as stated times {number(entry['scale'])}" if entry["source"] == "stated" else ""
     return f"{name} {entry['model']}{along}, {size} from {number(entry['dof'])} degrees of freedom{how}"
 
@@ -112,8 +116,8 @@ def scatter_sentences(findings: Findings) -> list[str]:
         said.append(
             "Readings that weigh by it tell more: put the sigma of each in a column that [table] sigma names."
         )
-    stated = findings.get("stated_sigma")
-    return [*said, _stated(stated)] if stated else said
+    stated = stated_sentence(findings)
+    return [*said, stated] if stated else said
 
 
 def _uneven(scatter: Findings) -> str:
@@ -131,11 +135,15 @@ def _uneven(scatter: Findings) -> str:
     )
 
 
-def _stated(stated: Findings) -> str:
+def stated_sentence(findings: Findings) -> str:
+    """How stated uncertainties fail; "" where they do not, or none are stated."""
+    stated = findings.get("stated_sigma")
+    if not stated:
+        return ""
     factor = quantity(stated["factor"]["value"], stated["factor"]["sigma"], "")
     words = f"Stated uncertainties do not fit the scatter ({p_value(stated['p_value'])}): "
     if stated["added"] is None:
-        return f"{words}they are too large, by a factor of {factor}."
+        return f"{words}they are too large; each times {factor} would fit."
     added = quantity(stated["added"]["value"], stated["added"]["sigma"], stated["added"]["unit"])
     ways = {"factor": f"each times {factor}", "added": f"{added} added to each in quadrature"}
     if stated["likelier"] is None:

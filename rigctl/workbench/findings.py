@@ -325,6 +325,7 @@ class ModelFit:
     minus_2_log_l: float
     held_out_log_score: float
     noise: tuple[NoiseEntry, ...]
+    stated_sigma: StatedSigma | None = None
     held: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     excluded: Mapping[str, str] = field(default_factory=dict)
@@ -349,6 +350,7 @@ class ModelFit:
             "minus_2_log_l": self.minus_2_log_l,
             "held_out_log_score": self.held_out_log_score,
             "noise": [each.as_json() for each in self.noise],
+            "stated_sigma": None if self.stated_sigma is None else self.stated_sigma.as_json(),
             "held": list(self.held),
             "warnings": list(self.warnings),
             **_said_of_excluded(self.excluded),

@@ -9,6 +9,9 @@ from typing import Any, Literal
 LEVEL = "fitted level"
 """What the model predicts, as a condition along which scatter may change."""
 
+LEAST_DOF = 20
+"""With fewer degrees of freedom a scatter says too little of itself."""
+
 
 @dataclass(frozen=True)
 class LackOfFit:

@@ -11,12 +11,14 @@ import pytest
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.study import TableStudy
-from rigctl.report.verdicts import scatter_sentences
+from rigctl.report.verdicts import noise_sentence, scatter_sentences, stated_sentence
 from rigctl.workbench.findings import Comparison
 from rigctl.workbench.scatter import LEVEL, StatedSigma
-from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.account import Account, account_of
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.compare import compared
+from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.fit import fitted as fit_of
 from rigctl.workbench.verdict.stated_sigma import stated_sigma
 from rigctl.workbench.verdict.uneven_scatter import uneven_scatter
 
@@ -157,8 +159,52 @@ def test_nothing_is_added_where_the_scatter_is_smaller_than_stated() -> None:
     assert found.factor[0] == pytest.approx(0.5, abs=4.0 * found.factor[1])
 
 
-def test_few_readings_say_nothing_of_their_scatter() -> None:
-    assert stated(1, "doubled", rows=20) is None
+def few(scatter_c: float, u_c: float) -> Account:
+    """Six readings of an indication, their uncertainties stated, about a line by a pattern of this size."""
+    x = np.arange(0.0, 60.0, 10.0)
+    pattern = np.array([0.1, 0.0, 2.0, -1.0, 1.0, 0.0])
+    columns = {"y_v": x + scatter_c * pattern, "load_n": x, "u_v": np.full(6, u_c)}
+    return account_of(study(columns, sigma="u_v"), [()])
+
+
+def told(account: Account) -> list[dict[str, Any]]:
+    """What compare, diagnose and fit say of it, as JSON."""
+    made = account.attempt(account.richest.study, ())
+    return [
+        compared(made, account, 1).as_json(),
+        diagnose(account.richest.study, (), account=account).as_json(),
+        fit_of(made, account).as_json(),
+    ]
+
+
+@pytest.mark.parametrize(("scatter_c", "u_c"), [(0.01, 0.5), (0.2, 0.0005)])
+def test_of_few_readings_stated_uncertainties_stay_and_what_contradicts_them_is_said(
+    scatter_c: float, u_c: float
+) -> None:
+    for said in told(few(scatter_c, u_c)):
+        (noise,) = said["noise"]
+        assert (noise["sigma"], noise["scale"], noise["dof"]) == (u_c, 1.0, np.inf)
+        assert "as stated; below 20 degrees of freedom" in noise_sentence(said)
+        assert stated_sentence(said).startswith("Stated uncertainties do not fit the scatter")
+
+
+def test_of_few_readings_chi_square_and_uncertainties_are_those_of_what_is_stated() -> None:
+    compare, diagnosis, fit = told(few(0.01, 0.5))
+    assert fit["parameters"]["b0"]["sigma"] == pytest.approx(0.5 * np.sqrt(11.0 / 21.0))
+    assert fit["chi2_per_dof"] < 0.01
+    assert (compare["p_value"], diagnosis["verdict"]) == (1.0, "adequate")
+    compare, diagnosis, fit = told(few(0.2, 0.0005))
+    assert compare["chi2_per_dof"] > 1e4
+    assert compare["p_value"] == fit["p_value"] < 1e-6
+    assert diagnosis["verdict"] != "adequate"
+
+
+def test_few_readings_that_scatter_as_stated_are_not_questioned() -> None:
+    found = [stated(seed, "right", rows=12) for seed in range(200)]
+    assert sum(each is not None for each in found) <= 7  # 1 % each
+
+
+def test_few_readings_say_nothing_of_where_they_scatter() -> None:
     assert uneven_scatter(fitted(table(1, "load", rows=20)), 0.05) == ()
 
 

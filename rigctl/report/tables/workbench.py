@@ -19,6 +19,7 @@ from rigctl.report.verdicts import (
     only_rms,
     rms_unit,
     sizes,
+    stated_sentence,
 )
 
 
@@ -31,7 +32,7 @@ def parameters_table(fit: Findings) -> ResultTable:
     notes = [
         comparison_sentence(fit),
         f"error {number(fit['error_fit'])}, on held-out runs {held_out} (1.00 = noise)",
-        *filter(None, [noise_sentence(fit)]),
+        *filter(None, [noise_sentence(fit), stated_sentence(fit)]),
     ]
     return ResultTable(f"Fit of {model_name(fit['effects'])}", ["parameter", "#value", "unit"], rows, notes=notes)
 

@@ -15,6 +15,7 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.likelihood import Optimum, maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.offsets import without_offsets
+from rigctl.workbench.verdict.stated_sigma import stated_sigma
 
 
 @one_thread
@@ -58,6 +59,7 @@ def fitted(
         minus_2_log_l=most_likely.minus_2_log_l,
         held_out_log_score=attempt.held_out.log_score(attempt.noise.log_determinant()),
         noise=noise_entries(attempt),
+        stated_sigma=stated_sigma(account.richest),
         held=tuple(sorted(attempt.held)),
         warnings=tuple(warnings),
         excluded=attempt.model.observations.excluded,

@@ -30,7 +30,8 @@ def lack_of_fit(attempt: Attempt) -> LackOfFit | None:
     to setting makes F larger by chance than normal noise of one size would (Wu, Annals of Statistics 14 (1986) 1261).
     """
     given, noise = attempt.model.observations, attempt.noise
-    if not len(attempt.estimator.rows) or noise.factors or len(given.series) != 1:
+    of_readings = len(attempt.estimator.rows) > 0 or all(pool.stated for pool in given.pools)
+    if not of_readings or noise.factors or len(given.series) != 1:
         return None
     test = _Test(_settings(given)[given.run_of], noise.sigma, attempt.projector.basis[: len(given.value)])
     if test.pure_dof < 1 or test.dof < 1:

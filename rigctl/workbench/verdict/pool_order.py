@@ -7,8 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.study import Observations
+from rigctl.workbench.scatter import LEAST_DOF
+from rigctl.workbench.study import NoisePool, Observations
 from rigctl.workbench.verdict.kernels import kernel
+from rigctl.workbench.verdict.saturated import SATURATED_SHARE
 
 EXPONENTS = (1.0, 1.64, 2.4)
 """Of power laws 1/f^a: flicker; what precision accelerometers show; near a random walk."""
@@ -79,11 +81,20 @@ class PoolOrder:
 
 def pool_orders(given: Observations) -> list[PoolOrder]:
     """Of those pools whose noise comes from the scatter."""
+    members = [np.flatnonzero(given.pool_of == number) for number in range(len(given.pools))]
     return [
-        PoolOrder(given, np.flatnonzero(given.pool_of == number), pool.order)
-        for number, pool in enumerate(given.pools)
-        if pool.dof <= 0.0 and np.any(given.pool_of == number)
+        PoolOrder(given, where, pool.order)
+        for pool, where in zip(given.pools, members, strict=True)
+        if pool.dof <= 0.0 and len(where) and not stays_as_stated(pool, len(where))
     ]
+
+
+def stays_as_stated(pool: NoisePool, data: int) -> bool:
+    """Whether the scatter of so many data says too little to correct sigmas that are stated.
+
+    By the data that are left once all is projected out that might be hidden: the same for every model.
+    """
+    return pool.stated and SATURATED_SHARE * data < LEAST_DOF
 
 
 def _usable(order: FloatArray) -> FloatArray | None:

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import special
 
 from rigctl.core.arrays import FloatArray
-from rigctl.workbench.scatter import StatedSigma
+from rigctl.workbench.scatter import LEAST_DOF, StatedSigma
 from rigctl.workbench.verdict.attempt import Attempt
-from rigctl.workbench.verdict.uneven_scatter import LEAST_DOF, independent_residuals
+from rigctl.workbench.verdict.uneven_scatter import independent_residuals
 
 SIGNIFICANT = 0.01
 TOLD = 3.0
@@ -23,18 +23,20 @@ _LEAST, _MOST = 1e-6, 1e6
 def stated_sigma(attempt: Attempt) -> StatedSigma | None:
     """What the scatter says of uncertainties that are stated; None where it does not contradict them.
 
-    Nor where none are stated, where readings are correlated, or where fewer than `LEAST_DOF` degrees of freedom say.
+    Nor where none are stated, where readings are correlated, or where no degree of freedom is left. Where the noise
+    stays as stated, chi-square says it, and what the model lacks is among the scatter.
     """
     given, noise = attempt.model.observations, attempt.noise
     stated = len(given.pools) == 1 and given.pools[0].stated and not noise.factors
-    if not stated or attempt.result.dof < LEAST_DOF:
+    kept = not attempt.estimator.from_scatter
+    if not stated or attempt.result.dof < (1 if kept else LEAST_DOF):
         return None
     # In units of what is stated; as if no reading had drawn the fit to it.
     square = (independent_residuals(attempt) * noise.sigma / given.sigma) ** 2
     count, mean = len(square), float(square.mean())
     # By the scatter of the squares where tails are heavy: normal noise has 2.
     spread = np.sqrt(max(2.0, float(square.var()) / mean**2) / count)
-    p_value = float(2.0 * special.ndtr(-abs(np.log(mean)) / spread))
+    p_value = _p_of_chi2(attempt) if kept else float(2.0 * special.ndtr(-abs(np.log(mean)) / spread))
     if not p_value < SIGNIFICANT:
         return None
     factor = (float(np.sqrt(mean)), float(0.5 * np.sqrt(mean) * spread))
@@ -48,6 +50,12 @@ def stated_sigma(attempt: Attempt) -> StatedSigma | None:
     if abs(gained) > TOLD:
         likelier = "added" if gained > 0.0 else "factor"
     return StatedSigma(factor, (added.size, added.sigma), unit, p_value, likelier, gained)
+
+
+def _p_of_chi2(attempt: Attempt) -> float:
+    """Of a chi-square as far from its degrees of freedom, two-sided."""
+    chi2, dof = attempt.result.chi2, attempt.result.dof
+    return float(min(1.0, 2.0 * min(special.chdtr(dof, chi2), special.chdtrc(dof, chi2))))
 
 
 class _Added:

@@ -15,14 +15,11 @@ import numpy as np
 from scipy import special
 
 from rigctl.core.arrays import FloatArray
-from rigctl.workbench.scatter import LEVEL, UnevenScatter
+from rigctl.workbench.scatter import LEAST_DOF, LEVEL, UnevenScatter
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.score import UNDETERMINED
-
-LEAST_DOF = 20
-"""With fewer degrees of freedom a scatter says too little of itself."""
 
 MOST = 3
 ROUNDS = 3
