@@ -80,7 +80,26 @@ _SCATTER_UNKNOWN = 0.01
 """Of the response's standard deviation: the scatter taken where no two readings share their conditions."""
 
 _FEW = 3
-_DECIMALS = 12
+
+_DIGITS = 14
+"""Of the largest value: beyond, any number is a decimal one but for its rounding in 64 bits."""
+
+
+def resolution(values: FloatArray) -> float:
+    """The largest step of which all values (n,) are multiples; 0 where they have more than 14 digits."""
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest == 0.0:
+        return 0.0
+    first = -math.floor(math.log10(largest))
+    for decimals in range(first, first + _DIGITS):
+        # Powers of ten are exact numbers where they are whole.
+        power = 10.0 ** abs(decimals)
+        multiples = np.rint(values * power if decimals >= 0 else values / power)
+        written = multiples / power if decimals >= 0 else multiples * power
+        if np.all(np.abs(written - values) <= 2.0 * np.finfo(float).eps * np.abs(values)):
+            step = int(np.gcd.reduce(multiples.astype(np.int64)))
+            return step / power if decimals >= 0 else step * power
+    return 0.0
 
 
 def pasted_rows(response: FloatArray, conditions: Sequence[Sequence[object]]) -> tuple[IntArray, IntArray]:
@@ -125,7 +144,7 @@ def _p_of_equal(response: FloatArray, groups: list[list[int]], equal: int) -> fl
     if not 0.0 < scatter <= spread:
         return 1.0
     # Two normal values lie in one step with probability step / (2 sqrt(pi) sigma).
-    by_resolution = _resolution(response) / (2.0 * math.sqrt(math.pi) * scatter)
+    by_resolution = resolution(response) / (2.0 * math.sqrt(math.pi) * scatter)
     # At the same conditions values lie closer by spread / scatter, so equal ones are as much more frequent.
     by_frequency = _equal_elsewhere(response, groups) * spread / scatter
     return _binomial_tail(pairs, min(max(by_resolution, by_frequency), 1.0), equal)
@@ -146,15 +165,6 @@ def _binomial_tail(trials: int, chance: float, least: int) -> float:
     from scipy.special import bdtrc
 
     return float(bdtrc(least - 1, trials, chance))
-
-
-def _resolution(response: FloatArray) -> float:
-    """The largest step of which all values are multiples, to 12 digits of the largest."""
-    largest = float(np.abs(response).max()) or 1.0
-    unit = 10.0 ** (math.floor(math.log10(largest)) - _DECIMALS)
-    # Whole multiples of the last digit, so that the largest common step is an exact divisor.
-    multiples = np.rint(response / unit).astype(np.int64)
-    return float(np.gcd.reduce(multiples[multiples != 0])) * unit
 
 
 def _longest_block(copies: list[int], originals: list[int]) -> int:

@@ -75,7 +75,13 @@ def _noise(entry: Findings) -> str:
         kept = f"below {LEAST_DOF} degrees of freedom the scatter does not correct that"
         return f"{name} {entry['model']}, {size} as stated; {kept}"
     how = f", as stated times {number(entry['scale'])}" if entry["source"] == "stated" else ""
-    return f"{name} {entry['model']}{along}, {size} from {number(entry['dof'])} degrees of freedom{how}"
+    told = f"{number(entry['dof'])} degrees of freedom{how}"
+    if entry.get("resolution") is None:
+        return f"{name} {entry['model']}{along}, {size} from {told}"
+    step = f"{number(entry['resolution'])} {entry['unit']}".strip()
+    return (
+        f"{name} {entry['model']}{along}, {size} by the resolution of {step}, as the scatter of {told} is no larger"
+    )
 
 
 def excluded_sentence(findings: Findings) -> str:

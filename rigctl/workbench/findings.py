@@ -35,7 +35,8 @@ class NoiseEntry:
 
     `sigma` is the standard deviation, rms where it differs by row, from `dof` degrees of freedom; `scale` what a
     stated sigma was multiplied by. Correlated noise goes along `order`, as a power law with an `exponent` or a
-    relaxation with a `time_constant`, and is `correlated_share` of the variance.
+    relaxation with a `time_constant`, and is `correlated_share` of the variance. `resolution` of the data where it, not
+    their scatter, tells the noise.
     """
 
     channel: str
@@ -51,6 +52,7 @@ class NoiseEntry:
     time_constant: float | None = None
     correlated_share: float = 0.0
     batches: Mapping[str, float] = field(default_factory=dict)
+    resolution: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Keys of `noise` in every command."""

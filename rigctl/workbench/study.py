@@ -7,6 +7,7 @@ one channel. The workbench works on these vectors and on derivatives with respec
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, runtime_checkable
@@ -38,7 +39,8 @@ class NoisePool:
     `dof` degrees of freedom stand behind the sigmas of these data, 0 when they are no more than relative weights
     whose scale must come from the scatter; `stated`: by whoever measured. `order` names the covariate (of runs) along
     which this noise may be correlated from run to run, within one `Observations.group`; None for independent runs.
-    `of_these`: the sigmas were told by the scatter of these data, not by others beside them.
+    `of_these`: the sigmas were told by the scatter of these data, not by others beside them. `resolution` is the step,
+    in the data's unit, to which they were rounded: below what rounding leaves no scatter tells their noise.
     """
 
     name: str
@@ -46,6 +48,12 @@ class NoisePool:
     order: str | None = None
     stated: bool = False
     of_these: bool = False
+    resolution: float = 0.0
+
+    @property
+    def least_sigma(self) -> float:
+        """The standard deviation of rounding: errors are alike over one step."""
+        return self.resolution / math.sqrt(12.0)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
+from rigctl.core.readings import resolution
 from rigctl.experiments.table.batches import Ratios, correlation, ratios_of, shared_offsets
 from rigctl.experiments.table.candidates import Derivatives, Scans
 from rigctl.experiments.table.catalogue import generic, why_not
@@ -93,13 +94,18 @@ class TableData:
         n = readings.response.values.size
         none = np.zeros(n, dtype=np.intp)
         offsets = shared_offsets(readings, self.ratios)
+        pool = NoisePool(
+            readings.response.name,
+            0.0,
+            readings.spec.order,
+            stated=readings.spec.sigma is not None,
+            resolution=resolution(readings.response.values),
+        )
         grouped = [category for category in readings.categories.values() if category.names_groups]
         return Observations(
             run_ids=readings.labels,
             series=(Series(readings.response.name, "", readings.response.unit),),
-            pools=(
-                NoisePool(readings.response.name, 0.0, readings.spec.order, stated=readings.spec.sigma is not None),
-            ),
+            pools=(pool,),
             value=readings.response.values,
             sigma=readings.sigma,
             series_of=none,

@@ -42,4 +42,4 @@ class KnownNoise:
         if not same:
             return None
         sigma = given.sigma * (noise.sigma / self.observed.sigma)
-        return Noise(sigma, noise.dof, noise.factors, noise.correlations, slow=noise.slow)
+        return Noise(sigma, noise.dof, noise.factors, noise.correlations, slow=noise.slow, least=noise.least)

@@ -33,7 +33,9 @@ def lack_of_fit(attempt: Attempt) -> LackOfFit | None:
     of_readings = len(attempt.estimator.rows) > 0 or all(pool.stated for pool in given.pools)
     if not of_readings or noise.factors or len(given.series) != 1:
         return None
-    test = _Test(_settings(given)[given.run_of], noise.sigma, attempt.projector.basis[: len(given.value)])
+    test = _Test(
+        _settings(given)[given.run_of], noise.sigma, attempt.projector.basis[: len(given.value)], noise.least
+    )
     if test.pure_dof < 1 or test.dof < 1:
         return None
     left = attempt.whitened()
@@ -55,10 +57,10 @@ def lack_of_fit(attempt: Attempt) -> LackOfFit | None:
 
 class _Test:
     """The test for data with the settings `setting_of` (n,), of standard deviation `sigma` (n,), of a model whose
-    derivatives span `basis` (n, m); residuals are whitened."""
+    derivatives span `basis` (n, m); residuals are whitened, and `least` of their variance is rounding."""
 
-    def __init__(self, setting_of: IntArray, sigma: FloatArray, basis: FloatArray) -> None:
-        self._basis = basis
+    def __init__(self, setting_of: IntArray, sigma: FloatArray, basis: FloatArray, least: float) -> None:
+        self._basis, self._least = basis, least
         self._order = np.argsort(setting_of, kind="stable")
         self._first = np.flatnonzero(np.diff(setting_of[self._order], prepend=-1))
         self._weight = 1.0 / sigma
@@ -74,6 +76,8 @@ class _Test:
         pure = (total - between) / self.pure_dof
         lack = (between - np.sum((left @ self._basis) ** 2, axis=1)) / self.dof
         scatters = pure > _ROUNDING * total
+        # Repeats that are equal but for a step do not know their noise better than to that step.
+        pure = np.maximum(pure, self._least)
         return np.where(scatters, np.maximum(lack, 0.0) / np.where(scatters, pure, 1.0), np.nan), pure
 
     def p_of(self, f: FloatArray) -> FloatArray:

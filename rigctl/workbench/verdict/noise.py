@@ -50,6 +50,8 @@ class Noise:
     """Of offsets that data share, what varies only between them, whitened, (n, k), and their degrees of freedom."""
     slow: tuple[SlowNoise, ...] = ()
     """By which law data are correlated along an order, for those of `factors` that are."""
+    least: float = 0.0
+    """Of the variance, where one scale of the scatter's is that of all data: below, no estimate of it goes."""
 
     def whiten(self, columns: FloatArray) -> FloatArray:
         """W columns, shape (n,) or (n, k): independent, of unit variance where `columns` are this noise."""

@@ -10,6 +10,7 @@ from rigctl.workbench.study import NoisePool, Observations
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.noise import Correlation, Noise
 
+_SAME = 1e-9
 _MODELS = {"": "white", "exp": "white + relaxation", "power": "white + power law"}
 
 
@@ -52,7 +53,14 @@ def _entry(
         time_constant=_six_digits(correlation.shape) if correlation.kind == "exp" else None,
         correlated_share=_six_digits(correlation.ratio / (1.0 + correlation.ratio)),
         batches={offset.name: _six_digits(offset.share * sigma) for offset in given.offsets},
+        resolution=_six_digits(first.resolution) if _is_rounding(noise, rows, first) else None,
     )
+
+
+def _is_rounding(noise: Noise, rows: IntArray, pool: NoisePool) -> bool:
+    """Whether the scatter of these data is no larger than what their resolution leaves."""
+    white = float(np.sqrt(np.mean(noise.sigma[rows] ** 2)))
+    return pool.dof <= 0.0 and noise.least > 0.0 and white <= pool.least_sigma * (1.0 + _SAME)
 
 
 def _six_digits(value: float) -> float:

@@ -125,7 +125,8 @@ class NoiseEstimator:
             # Built from all of them: a single best correlation jumps from white to red by chance.
             factors += pool.factors(weighted)
             slow += [law for law in [pool.slow(weighted)] if law is not None]
-        noise = Noise(sigma, dof, tuple(factors), tuple(correlations), slow=tuple(slow))
+        least = (self._pools[0].least_scale / estimated[0][0]) ** 2 if len(self._pools) == 1 else 0.0
+        noise = Noise(sigma, dof, tuple(factors), tuple(correlations), slow=tuple(slow), least=least)
         return with_offsets(self._given, noise)
 
     def beside_fit(self, jacobian: FloatArray, residuals: FloatArray, now: Noise) -> Noise:

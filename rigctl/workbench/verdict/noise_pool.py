@@ -32,7 +32,7 @@ _LIKELIHOOD = 1e-6
 _NEGLIGIBLE = 1e-3
 # Where everything is fitted: F has no law without a degree of freedom.
 _FLOOR_DOF = 1.0
-# Of the largest reading: what a fit in double precision leaves of a curve that readings follow to the last digit.
+# Of the largest reading, where none has a resolution: what a fit in double precision leaves of an exact curve.
 _ROUNDING = 1e-14
 WHITE = Correlation("", 0.0)
 
@@ -58,7 +58,9 @@ class Pool:
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
         self._free = len(self._looked_at) - basis.shape[1]
-        self._least_scale = _ROUNDING * float(np.max(np.abs(given.value[where]) / given.sigma[where]))
+        rounding = _ROUNDING * float(np.max(np.abs(given.value[where]) / given.sigma[where]))
+        typical = float(np.sqrt(np.mean(given.sigma[where] ** 2)))
+        self.least_scale = max(rounding, given.pools[given.pool_of[where[0]]].least_sigma / typical)
         self._trials = [Whitenings([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
         for name in order.kernels:
             # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
@@ -84,7 +86,7 @@ class Pool:
         if self._free <= 0:
             yield from [(1.0, [(1.0, WHITE)])] * several.shape[1]
             return
-        least = max(self._free * self._least_scale**2, float(np.finfo(float).tiny))
+        least = max(self._free * self.least_scale**2, float(np.finfo(float).tiny))
         rss = np.concatenate([trials.rss(several[self._looked_at]) for trials in self._trials])
         for residuals, each in zip(several.T, np.maximum(rss, least).T, strict=True):
             yield self._weighted(residuals, each, white_odds)
@@ -106,7 +108,7 @@ class Pool:
         scale = float(np.sqrt(weight.sum() / self._free))
         if len(self.where) > len(self._looked_at) and weight[0] > 0.0:  # white: the scale of all, not of the stretch
             left = residuals - self.basis @ (self.basis.T @ residuals)
-            scale = max(float(np.sqrt(_square_sum(left) / self.dof)), self._least_scale)
+            scale = max(float(np.sqrt(_square_sum(left) / self.dof)), self.least_scale)
         shares = weight / weight.sum()
         return scale, [(float(w), each) for w, each in zip(shares, self._correlations, strict=True) if w > 0.0]
 
@@ -124,7 +126,8 @@ class Pool:
         """The scale if the noise were white, `residuals` in units of the given sigma."""
         if self._free <= 0:
             return 1.0
-        return float(np.sqrt(self._trials[0].rss(residuals[self._looked_at, None])[0, 0] / self._free))
+        scale = float(np.sqrt(self._trials[0].rss(residuals[self._looked_at, None])[0, 0] / self._free))
+        return max(scale, self.least_scale)
 
     def factors(self, correlations: list[tuple[float, Correlation]]) -> list[tuple[IntArray, FloatArray]]:
         """Cholesky factors of the weighted mean of R, group by group, and which data; none for white noise."""
@@ -155,8 +158,11 @@ class Pool:
         best = now
         if now.kernel and len(residuals) <= LARGEST_POOL:
             best = self._likeliest_correlation(residuals, now)
-        white, _ = self._whitened(residuals, best)
-        return float(np.sqrt(_square_sum(white) / len(residuals))), best
+        return self._scale_of(self._whitened(residuals, best)[0]), best
+
+    def _scale_of(self, white: FloatArray) -> float:
+        """The likeliest, of residuals without their correlation."""
+        return max(float(np.sqrt(_square_sum(white) / len(white))), self.least_scale)
 
     def _likeliest_correlation(self, residuals: FloatArray, now: Correlation) -> Correlation:
         from scipy import optimize
@@ -171,7 +177,8 @@ class Pool:
 
         def cost(each: Correlation) -> float:
             white, determinant = self._whitened(residuals, each)
-            return len(residuals) * float(np.log(_square_sum(white))) + determinant
+            scale = self._scale_of(white)
+            return 2.0 * len(white) * float(np.log(scale)) + _square_sum(white) / scale**2 + determinant
 
         def cost_at(place: FloatArray) -> float:
             return cost(correlation(place))

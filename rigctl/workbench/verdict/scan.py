@@ -30,11 +30,16 @@ class OwnNoise:
     """The scale of the noise as it is once a candidate is in, for what an effect explains inflates it before.
 
     `frame` (n, p) spans all that is projected out where the noise is estimated, `dof` are the degrees of freedom of
-    its scale.
+    its scale, and `least` of its variance stays whatever is explained.
     """
 
     frame: FloatArray
     dof: float
+    least: float = 0.0
+
+    def variance(self, explained: FloatArray | float, rest: FloatArray | float) -> FloatArray:
+        """Once so much of the square sum is explained and `rest` degrees of freedom are left; before, it was 1."""
+        return np.maximum(np.maximum(self.dof - explained, 1e-9 * self.dof) / rest, self.least)
 
 
 class Draws:
@@ -188,8 +193,7 @@ class ScanScores:
         used = (self.dimension > 0) & (own.dof - taken >= 1.0)
         rest = np.where(used, own.dof - taken, 1.0)
         # As in `Attempt._by_own_noise`, for all choices at once.
-        scale = np.maximum(own.dof - explained, 1e-9 * own.dof) / rest
-        p_values = p_of(self.statistic / scale, self.dimension, rest)
+        p_values = p_of(self.statistic / own.variance(explained, rest), self.dimension, rest)
         self._dof = np.where(used, rest, self._dof)
         self._p_values = np.where(used, p_values, self._p_values)
 

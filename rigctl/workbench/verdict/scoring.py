@@ -44,7 +44,7 @@ class Scoring:
         return [self._judged(score) for score in self._projector.scores(white)]
 
     def _judged(self, score: Score) -> Score:
-        return score if self._frame is None else self._by_own_noise(score, self._frame)
+        return score if self._own is None else self._by_own_noise(score, self._own)
 
     def of(self, candidate: Candidate) -> Score:
         """Of one candidate."""
@@ -93,7 +93,7 @@ class Scoring:
 
     @cached_property
     def _own(self) -> OwnNoise | None:
-        return None if self._frame is None else OwnNoise(self._frame, float(self._noise.dof[0]))
+        return None if self._frame is None else OwnNoise(self._frame, float(self._noise.dof[0]), self._noise.least)
 
     @cached_property
     def _along(self) -> FloatArray:
@@ -108,20 +108,20 @@ class Scoring:
         # The same columns in every model, but for one factor.
         return scan.whitened(given, lambda columns: columns / given.sigma[:, None]), scale
 
-    def _by_own_noise(self, score: Score, frame: FloatArray) -> Score:
+    def _by_own_noise(self, score: Score, own: OwnNoise) -> Score:
         """With the scale of the noise as it is once the candidate is in: what it explains inflates it before."""
+        frame = own.frame
         basis, left = score.basis[: len(frame)], self._fitted.left[: len(frame)]
         # What of the candidate was not projected out when the noise was estimated: it is in the noise's square sum.
         inside = frame.T @ basis
         explained = float(np.sum((basis.T @ left - inside.T @ self._in_frame) ** 2))
         taken = max(float(np.sum(basis**2) - np.sum(inside**2)), 0.0)
-        dof = float(self._noise.dof[0])
-        if dof - taken < 1.0 or not score.dimension:
+        rest = own.dof - taken
+        if rest < 1.0 or not score.dimension:
             return score
         # The scale was 1, so that `dof` is the square sum before; `explained` is what the candidate takes of it.
-        scale = max(dof - explained, 1e-9 * dof) / (dof - taken)
-        p_value = p_of(score.statistic / scale, score.dimension, dof - taken)
-        return replace(score, dof=dof - taken, p_value=float(p_value))
+        p_value = p_of(score.statistic / own.variance(explained, rest), score.dimension, rest)
+        return replace(score, dof=rest, p_value=float(p_value))
 
 
 def _places(choices: Sequence[Candidate]) -> IntArray:
