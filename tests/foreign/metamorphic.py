@@ -2,8 +2,8 @@
 
     python -m tests.foreign.metamorphic --tables 500 --out FILE [--first SEED] [--apart]
 
-Each table is diagnosed as it is and changed: rows in another order, other words, other names of columns, other units
-(all four at once; `--apart` one by one, to see which of them matters), read back from a store of any name, a term
+Each table is diagnosed as it is and changed: rows and columns in another order, other words, other names of columns, other units
+(all at once; `--apart` one by one, to see which of them matters), read back from a store of any name, a term
 called `#2`, and the time counted from another zero. Verdict, suggested set, sizes in the same units and p-values must
 be the same to 1e-6, p-values corrected for trials to 1e-4. One line of JSON for each table; what stands in the file
 is not tried again. The status is 1 where something differed.
@@ -56,6 +56,8 @@ class Said:
     corrected: Mapping[str, float]
     sizes: Mapping[str, tuple[float, float]]
     """Value and sigma; the latter NaN where words are counted from one of them."""
+    held_out: float = math.nan
+    """The error of the model without what was found on held-out readings."""
 
 
 def said_of(table: Table, source: RunSource | None = None, terms: Sequence[Term] = ()) -> Said:
@@ -63,15 +65,18 @@ def said_of(table: Table, source: RunSource | None = None, terms: Sequence[Term]
     study = TableStudy(source or table.recording())
     account = account_of(study, [terms])
     found = diagnose(study, terms, account=account)
-    adequacy = compared(account.attempt(study, terms), account, 1).p_value
-    return _by_roles(table, found, adequacy)
+    attempt = account.attempt(study, terms)
+    said = _by_roles(table, found, compared(attempt, account, 1).p_value)
+    return replace(said, held_out=attempt.held_out.error())
 
 
 def _by_roles(table: Table, found: Diagnosis, adequacy: float) -> Said:
     roles = {name: role for role, name in table.names.items()}
 
     def role_of(effect: str) -> str:
-        return re.sub(r"[A-Za-z_][A-Za-z_0-9]*(?=[\],]| by )", lambda name: roles.get(name[0], name[0]), effect)
+        called = re.sub(r"[A-Za-z_][A-Za-z_0-9]*(?=[\],]| by )", lambda name: roles.get(name[0], name[0]), effect)
+        # A product is called by its factors as they stand in the file.
+        return re.sub(r"(?<=interaction\[)\w+,\w+", lambda pair: ",".join(sorted(pair[0].split(","))), called)
 
     sizes: dict[str, tuple[float, float]] = {}
     if found.joint_fit is not None:
@@ -164,6 +169,8 @@ def differences(first: Said, second: Said) -> list[str]:
     # It is one of them where something is found.
     if not _same_p(first.adequacy, second.adequacy, DRAWN_SAME):
         found.append(f"compare: p {first.adequacy:.8g} became {second.adequacy:.8g}")
+    if not _same_p(first.held_out, second.held_out, SAME):
+        found.append(f"held out: {first.held_out:.8g} became {second.held_out:.8g}")
     for what, tolerance in (("p_values", SAME), ("corrected", DRAWN_SAME)):
         ones, others = getattr(first, what), getattr(second, what)
         found += [f"{what}: {name} in one only" for name in sorted(ones.keys() ^ others.keys())]

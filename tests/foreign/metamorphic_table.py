@@ -91,6 +91,18 @@ def rows_shuffled(table: Table, random: np.random.Generator) -> Table:
     return replace(table, numbers=numbers, words={role: each[places] for role, each in table.words.items()})
 
 
+def columns_permuted(table: Table, random: np.random.Generator) -> Table:
+    """The columns in another order."""
+    numbers, words = (
+        [each[place] for place in random.permutation(len(each))] for each in map(list, (table.numbers, table.words))
+    )
+    return replace(
+        table,
+        numbers={role: table.numbers[role] for role in numbers},
+        words={role: table.words[role] for role in words},
+    )
+
+
 def words_renamed(table: Table, random: np.random.Generator) -> Table:
     """Other words for the same groups, in another alphabetical order."""
     labels = {}
@@ -125,6 +137,7 @@ def clock_shifted(table: Table, random: np.random.Generator) -> Table:
 
 CHANGES: Mapping[str, Change] = {
     "rows": rows_shuffled,
+    "columns": columns_permuted,
     "words": words_renamed,
     "names": columns_renamed,
     "scale": columns_scaled,

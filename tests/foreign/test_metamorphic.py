@@ -3,11 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from rigctl.campaign.bundle.bundle import read_bundle
+from rigctl.campaign.recording import READINGS, ImportReport, Recording
+from rigctl.experiments.table.study import TableStudy
+from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.compare import compared
 from tests.foreign.metamorphic import differences, said_of, tried
 from tests.foreign.metamorphic_table import drawn
+
+DATA = Path(__file__).parent / "data"
+
+
+def test_what_is_found_in_stack_loss_does_not_depend_on_the_order_of_its_columns() -> None:
+    """Of Brownlee's 21 days, whose columns go together."""
+    recording = read_bundle(DATA / "stackloss")
+    header, run = recording.header, recording.runs()[0]
+    samples = recording.samples(READINGS)
+    said = []
+    for names in (list(samples), list(samples)[::-1], [*list(samples)[1:], next(iter(samples))]):
+        columns = {name: samples[name] for name in names}
+        study = TableStudy(Recording(header, (run,), {READINGS: columns}, ImportReport(1)))
+        account = account_of(study, [()])
+        attempt = account.attempt(study, ())
+        said.append((compared(attempt, account, 1).p_value, attempt.held_out.error()))
+    assert said[1:] == [pytest.approx(said[0], rel=1e-6)] * 2
 
 
 # A curved baseline with a logarithm beside it; words that make a difference; lots; words in parameters of a curved

@@ -31,7 +31,9 @@ def generic(readings: Readings, slopes: FloatArray) -> dict[str, TableEffect]:
     effects += [Power(column, exponent) for exponent in (1, 2, 3) for column in columns]
     effects += [Turning(column) for column in columns]
     effects += [Function(column, kind) for kind in KINDS for column in columns]
-    effects += [Interaction(one, other) for one, other in combinations(columns, 2)]
+    # Called as in the file, whatever the order in which they are asked about.
+    pairs = [sorted(pair, key=lambda column: column.place) for pair in combinations(columns, 2)]
+    effects += [Interaction(one, other) for one, other in pairs]
     effects += [Level(category) for category in words]
     effects += [Slope(column, category) for column in columns for category in words]
     effects += [

@@ -15,6 +15,7 @@ from rigctl.core.errors import DataError
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
 from rigctl.core.readings import VALID, excluded_rows, row_label, seconds_of_stamps
 from rigctl.core.units import unit_of_column
+from rigctl.experiments.table.observe.column_order import in_order
 from rigctl.experiments.table.observe.constants import known_inputs
 from rigctl.experiments.table.observe.expression import Expression
 from rigctl.experiments.table.observe.rows import readings_of
@@ -36,12 +37,14 @@ class Column:
     """A column of numbers, shape (n,); NaN where a value is missing.
 
     Where a `clock` was set to zero means nothing: it is the column that orders the readings, or one of time stamps.
+    `place` is its place in the file, which serves for names only: what is found does not depend on it.
     """
 
     name: str
     values: FloatArray
     unit: str
     clock: bool = False
+    place: int = 0
 
     @cached_property
     def distinct(self) -> FloatArray:
@@ -202,6 +205,8 @@ def read(source: RunSource) -> Readings:
     _require_uncertainties(samples, spec, list(excluded))
     expression = _expression(spec, set(samples), set(texts))
     needed = [spec.response, *expression.columns, *(name for name in (spec.order, spec.sigma) if name)]
+    places = {name: place for place, name in enumerate(samples)}
+    samples, texts = in_order(samples, texts, spec.response, expression.columns, list(excluded))
     # Only what the baseline needs must be there: an effect that needs more says so when it is asked about.
     rows = readings_of(samples, texts, spec.response, spec.order, needed, list(excluded))
     if rows.size == 0:
@@ -213,6 +218,7 @@ def read(source: RunSource) -> Readings:
             values[rows].astype(np.float64),
             "s" if name in stamps else _unit(header, name),
             clock=name in stamps or name == spec.order,
+            place=places[name],
         )
         for name, values in samples.items()
     }
@@ -246,7 +252,7 @@ def _digits(values: FloatArray) -> TextArray:
     return np.array([np.format_float_positional(each, trim="-") for each in values])
 
 
-def _columns(source: RunSource) -> tuple[dict[str, FloatArray], dict[str, list[str]], dict[str, FloatArray]]:
+def _columns(source: RunSource) -> tuple[dict[str, FloatArray], dict[str, Sequence[str]], dict[str, FloatArray]]:
     """Columns of numbers, of words, and of time stamps in seconds."""
     record = source.run(READINGS)
     if record is None:

@@ -21,8 +21,8 @@ def readings_of(
     """Rows that have all that is `needed` and are not `excluded`, pasted ones once, sorted by their contents; indices
     in the file.
 
-    By the column `order` first, then by the others as they stand in the file, words last: blocks that are held out
-    and draws of noise thus do not depend on the order of rows.
+    By the column `order` first, then by the others in their order here (`column_order`), words last: blocks that are
+    held out and draws of noise thus do not depend on the order of rows.
     """
     rows = np.flatnonzero(np.isfinite([samples[name] for name in needed]).all(axis=0))
     rows = np.setdiff1d(rows, excluded)
