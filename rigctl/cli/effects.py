@@ -87,7 +87,7 @@ def _print_catalogue(listed: Sequence[Effect]) -> None:
             say(f"{experiment}:")
         say(f"{each.id:{width}}  {each.summary}")
     say("A `table` recording has a catalogue made from its columns: linear[C], power2[C], power3[C], inverse[C],")
-    say("exponential[C], periodic[C], step[C], interaction[A,B], drift; of its words level[C].")
+    say("exponential[C], periodic[C], step[C], interaction[A,B], drift, offset; of its words level[C].")
 
 
 def _print_effect(effect: Effect) -> None:

@@ -57,6 +57,46 @@ MADE: dict[str, tuple[str, FloatArray, dict[str, float]]] = {
 }
 
 
+def test_a_zero_that_was_never_set_is_called_an_offset() -> None:
+    x = np.arange(0.0, 12.0, 0.5)
+    y = 2.0 + 3.0 * x + 0.05 * np.random.default_rng(5).standard_normal(24)
+    found = diagnose(study({"x": x, "y": y}, "b1 * x"), [])
+    assert (found.verdict, named(found)) == ("effect", ["offset"])
+    size = found.ranking[0].parameters["offset"]
+    assert abs(size.value - 2.0) < 4.0 * size.sigma < 0.2
+
+
+def test_the_offset_of_nist_s_no_intercept_data_is_found_and_sized() -> None:
+    """NoInt1 of the Statistical Reference Datasets: y = x + 70 to the last digit."""
+    x = np.arange(60.0, 71.0)
+    data = study({"x": x, "y": x + 70.0}, "b1 * x")
+    found = diagnose(data, [])
+    assert "offset" in {named(found)[0], *found.ranking[0].equivalent_to}
+    assert named(found) == ["offset"]
+    fitted_to = fit(data, found.suggested)
+    assert fitted_to.parameters["offset"].value == pytest.approx(70.0, rel=1e-9)
+    assert fitted_to.parameters["b1"].value == pytest.approx(1.0, rel=1e-9)
+    assert diagnose(data, found.suggested).verdict == "adequate"
+
+
+def test_a_model_with_a_constant_is_not_asked_about_an_offset() -> None:
+    columns = {"x": X, "y": 1.0 + X + 0.1 * NOISE, "head": HEAD}
+    assert "offset" not in study(columns, "b0 + b1 * x").effects()
+    assert "offset" not in study(columns, "(b0 + b1 * x) / b2", start={"b0": 1.0, "b1": 1.0, "b2": 1.0}).effects()
+    without = study(columns, "b1 * x")
+    assert "offset" in without.effects()
+    found = diagnose(without, [Term("level[head]")])
+    assert found.not_testable["offset"] == "the model has a constant already"
+
+
+def test_an_offset_is_not_taken_for_the_scatter_of_batches() -> None:
+    random, lots = np.random.default_rng(6), np.repeat(np.arange(8), 5)
+    x = random.uniform(0.0, 10.0, 40)
+    y = 2.0 + 3.0 * x + 0.1 * random.standard_normal(8)[lots] + 0.05 * random.standard_normal(40)
+    found = diagnose(study({"x": x, "y": y, "lot": [f"L{lot}" for lot in lots]}, "b1 * x"), [])
+    assert named(found) == ["offset"]
+
+
 def test_one_effect_is_asked_about_as_all_are() -> None:
     beside = study({"y": 1.0 + 0.02 * NOISE, "x": X, "z": Z, "head": HEAD.tolist()}, "b0 + b1 * x")
     model = beside.model([Term("periodic[z]", {"period": 0.7, "origin": 0.0}), Term("level[head]")])
@@ -138,13 +178,13 @@ def test_smooth_functions_of_a_column_are_one_family_and_each_scan_is_its_own() 
 
 
 def test_a_long_scan_costs_a_line_little() -> None:
-    """A line of five sigma in one of six columns: one of hundreds of trials, but of few families."""
+    """A line of 5.3 sigma in one of six columns: one of hundreds of trials, but of few families."""
     rng = np.random.default_rng(5)
     columns = {f"x{number}": rng.uniform(0.0, 10.0, ROWS) for number in range(6)}
     away = columns["x0"] - columns["x0"].mean()
     fitted = np.linalg.qr(np.stack([np.ones(ROWS), away], axis=1))[0]
     noise = NOISE - fitted @ (fitted.T @ NOISE)
-    line = 5.0 * float(np.sqrt(noise @ noise / (ROWS - 2))) * away / np.linalg.norm(away)
+    line = 5.3 * float(np.sqrt(noise @ noise / (ROWS - 2))) * away / np.linalg.norm(away)
     found = diagnose(study({"y": 1.0 + line + noise, **columns}, "b0"), ())
     assert {each.split("[")[1] for each in named(found)} == {"x0]"}
 

@@ -15,6 +15,7 @@ from rigctl.experiments.table.between import Between, shapes_between
 from rigctl.experiments.table.catalogue import why_not
 from rigctl.experiments.table.explained import shares_offsets, significant_between
 from rigctl.experiments.table.model.form import Form, TableEffect
+from rigctl.experiments.table.model.forms import Offset
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.words import Level, Slope
 from rigctl.experiments.table.observe.readings import Column, Readings
@@ -271,12 +272,15 @@ def _within(readings: Readings, effects: Mapping[str, TableEffect], levels: Mapp
     means = [np.bincount(cells, column) / count for column in hidden.columns.T]
     inside = hidden.columns - np.stack(means, axis=1)[cells] if means else hidden.columns
     # What varies between batches only is rounding within them.
-    real = np.linalg.norm(inside, axis=0) > 1e-9 * np.linalg.norm(hidden.columns, axis=0)
+    real = whole | (np.linalg.norm(inside, axis=0) > 1e-9 * np.linalg.norm(hidden.columns, axis=0))
     return hidden.keep(np.where(whole, hidden.columns, inside), real)
 
 
 def _is_known_within(form: Form, cells: IntArray) -> bool:
     """Whether its size is known from within batches, by its numbers' variance; slopes by lot span what lots share."""
+    # That of all readings is what batches scatter about.
+    if isinstance(form, Offset):
+        return True
     # Of a product one number is enough: with the other's zero moved it is that number's line besides.
     return not isinstance(form, Level | Slope) and any(
         np.var(column.values - (np.bincount(cells, column.values) / np.bincount(cells))[cells])

@@ -14,8 +14,8 @@ from rigctl.analysis.summed_columns import SummedScan
 from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.table.model.form import Choice, Form, Spans
-from rigctl.experiments.table.model.forms import Drift, Interaction, Power, Turning
+from rigctl.experiments.table.model.form import PLAIN, Choice, Form, Spans
+from rigctl.experiments.table.model.forms import Drift, Interaction, Offset, Power, Turning
 from rigctl.experiments.table.model.functions import Function
 from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.scan_sums import sums_of
@@ -239,6 +239,8 @@ def group_candidate(group: Group, slopes: FloatArray, residual_rms: float) -> Ca
 
 def has_another_name(form: Form, spanned: Spanned) -> str:
     """Why a form is another one beside a model that spans `spanned`; "" when it is itself."""
+    if isinstance(form, Offset) and spanned.holds(form.basis(PLAIN)):
+        return "the model has a constant already"
     if not isinstance(form, Turning):
         return ""
     column = form.column.name

@@ -11,11 +11,12 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import unknown_effect
 from rigctl.experiments.table.model.form import TableEffect
-from rigctl.experiments.table.model.forms import Drift, Interaction, Power, Turning
+from rigctl.experiments.table.model.forms import Drift, Interaction, Offset, Power, Turning
 from rigctl.experiments.table.model.functions import KINDS, Function
 from rigctl.experiments.table.model.scanned import Exponential, Periodic, Scanned, Step
 from rigctl.experiments.table.model.words import Group, Level, Slope
 from rigctl.experiments.table.observe.readings import Column, Readings
+from rigctl.experiments.table.spanned import Spanned
 
 _PARALLEL = 1e-12
 
@@ -27,7 +28,10 @@ def generic(readings: Readings, slopes: FloatArray) -> dict[str, TableEffect]:
     """
     columns, words = list(readings.columns.values()), list(readings.categories.values())
     # The order counts: of effects that the readings cannot tell apart the first is named.
-    effects: list[TableEffect] = [Drift(readings.order)]
+    effects: list[TableEffect] = []
+    if not Spanned(slopes).holds(np.ones((len(slopes), 1))):
+        effects.append(Offset(readings.response))
+    effects.append(Drift(readings.order))
     effects += [Power(column, exponent) for exponent in (1, 2, 3) for column in columns]
     effects += [Turning(column) for column in columns]
     effects += [Function(column, kind) for kind in KINDS for column in columns]

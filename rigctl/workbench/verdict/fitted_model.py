@@ -18,7 +18,7 @@ from rigctl.workbench.other_minima import HasOtherMinima
 from rigctl.workbench.study import Model
 from rigctl.workbench.verdict.absorbed import absorbed_parameters
 from rigctl.workbench.verdict.first_order import found_at_least
-from rigctl.workbench.verdict.held_out import HeldOut
+from rigctl.workbench.verdict.held_out import HeldOut, error_ratio
 from rigctl.workbench.verdict.noise import Noise, orthonormal
 from rigctl.workbench.verdict.propagated import propagated
 from rigctl.workbench.verdict.score import UNDETERMINED, Projector, p_of
@@ -361,7 +361,7 @@ def held_out_ratio(after: FittedModel, before: FittedModel) -> float:
     basis = orthonormal(jacobian, UNDETERMINED)
     left = np.concatenate([after.noise.whiten(before.unexplained()), before.left[data:]])
     earlier = HeldOut(before.model.observations, basis, left - basis @ (basis.T @ left))
-    return after.held_out.error(series=touched) / earlier.error(series=touched)
+    return error_ratio(after.held_out.error(series=touched), earlier.error(series=touched))
 
 
 def _touched(after: FittedModel, before: FittedModel) -> IntArray:

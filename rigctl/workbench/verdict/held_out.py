@@ -90,6 +90,11 @@ class HeldOut:
         return [_Block.of(self._basis[block], self._residuals[block]) for block in self._blocks]
 
 
+def error_ratio(after: float, before: float) -> float:
+    """Of held-out errors; NaN where readings that a model follows exactly were off by nothing before."""
+    return after / before if before > 0.0 else float("nan")
+
+
 def rise_beyond_chance(after: HeldOut, before: HeldOut) -> float:
     """The rise of the squared error from one model to another on the same blocks over its standard error, paired.
 

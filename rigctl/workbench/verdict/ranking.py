@@ -14,6 +14,7 @@ from rigctl.workbench.study import Line, Term
 from rigctl.workbench.verdict.alike import equivalent_effects
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.fitted_model import held_out_ratio
+from rigctl.workbench.verdict.held_out import error_ratio
 from rigctl.workbench.verdict.rivals import Rival
 from rigctl.workbench.verdict.search import Search
 from rigctl.workbench.verdict.significance import CATALOGUE_SHARE, corrected_for
@@ -72,7 +73,7 @@ def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: 
     score, touched = scored.score, _touched(final, scored)
     ratio = float("nan")
     if held_out and score.dimension and final.held_out.possible:
-        ratio = final.held_out.error(score.basis, touched) / final.held_out.error(series=touched)
+        ratio = error_ratio(final.held_out.error(score.basis, touched), final.held_out.error(series=touched))
     return Rank(
         term=scored.candidate.term,
         p_value=score.p_value,

@@ -1,4 +1,4 @@
-"""Effects made from columns whose shape is fixed: powers and turning points, products, drift."""
+"""Effects whose shape is fixed: an offset, powers and turning points of columns, products, drift."""
 
 from __future__ import annotations
 
@@ -17,6 +17,32 @@ _POWERS = {
     2: ("power2", "goes as the square of"),
     3: ("power3", "goes as the cube of"),
 }
+
+
+@dataclass(frozen=True)
+class Offset(Form):
+    """p, the same for every reading: `offset`, which a zero that was never set leaves."""
+
+    response: Column
+
+    @property
+    def id(self) -> str:
+        """As in commands."""
+        return "offset"
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"Something is added to every {self.response.name}: its zero is off."
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """Ones, shape (n, 1)."""
+        del choice
+        return np.ones((self.response.values.size, 1))
+
+    def trivial(self) -> list[FloatArray]:
+        """Nothing is simpler."""
+        return []
 
 
 @dataclass(frozen=True)
