@@ -35,8 +35,8 @@ class NoiseEntry:
 
     `sigma` is the standard deviation, rms where it differs by row, from `dof` degrees of freedom; `scale` what a
     stated sigma was multiplied by. Correlated noise goes along `order`, as a power law with an `exponent` or a
-    relaxation with a `time_constant`, and is `correlated_share` of the variance. `resolution` of the data where it, not
-    their scatter, tells the noise.
+    relaxation with a `time_constant`, and is `correlated_share` of the variance. `resolution` is that of the data
+    where it tells the noise, and not their scatter.
     """
 
     channel: str

@@ -39,8 +39,8 @@ class NoisePool:
     `dof` degrees of freedom stand behind the sigmas of these data, 0 when they are no more than relative weights
     whose scale must come from the scatter; `stated`: by whoever measured. `order` names the covariate (of runs) along
     which this noise may be correlated from run to run, within one `Observations.group`; None for independent runs.
-    `of_these`: the sigmas were told by the scatter of these data, not by others beside them. `resolution` is the step,
-    in the data's unit, to which they were rounded: below what rounding leaves no scatter tells their noise.
+    `of_these`: the sigmas were told by the scatter of these data, not by others beside them. `resolution` is the
+    step, in the data's unit, to which they were rounded: below what rounding leaves no scatter tells their noise.
     """
 
     name: str

@@ -154,6 +154,29 @@ def test_readings_that_are_marked_invalid_are_listed_with_what_they_would_change
     assert desk.rigctl("verify", out, desk.store).status == 0
 
 
+def test_uncertainties_that_few_readings_contradict_stay_and_the_certificate_says_so(desk: Any) -> None:
+    bundle = desk.directory / "shrunk"
+    bundle.mkdir()
+    table = 'response = "ind_c"\nbaseline = "b0 + b1 * ref_c"\nsigma = "u_c"\n'
+    (bundle / "recording.toml").write_text(f'format = 1\nexperiment = "table"\n\n[table]\n{table}')
+    rows = [(0.01, 0), (10.0, 10), (20.02, 20), (29.99, 30), (40.01, 40), (50.0, 50)]
+    lines = ["ind_c,ref_c,u_c", *(f"{reading},{at},0.5" for reading, at in rows)]
+    (bundle / "readings.csv").write_text("\n".join(lines) + "\n")
+    assert desk.rigctl("import", bundle, "--store", desk.store).status == 0
+    out = desk.directory / "x.html"
+    assert desk.rigctl("certificate", desk.store, "--out", out).status == 0
+    content = _content(out)
+    (noise,) = content["budget"]
+    assert (noise["type"], noise["dof"], noise["origin"]) == ("B", None, "stated uncertainties")
+    # Of a line through six even places, b0 in units of one reading's uncertainty.
+    assert noise["standard_uncertainty"][0] == pytest.approx(0.5 * (11.0 / 21.0) ** 0.5)
+    (warning,) = content["warnings"]
+    assert warning.startswith("Stated uncertainties do not fit the scatter")
+    text = _page(out).text
+    assert warning in text
+    assert "0.5 as stated; below 20 degrees of freedom" in text
+
+
 def test_a_store_tells_its_certificate_the_item_and_learns_it_from_one(desk: Any) -> None:
     bundle = desk.directory / "bundle"
     shutil.copytree(PONTIUS, bundle)

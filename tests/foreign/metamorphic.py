@@ -2,11 +2,11 @@
 
     python -m tests.foreign.metamorphic --tables 500 --out FILE [--first SEED] [--apart]
 
-Each table is diagnosed as it is and changed: rows and columns in another order, other words, other names of columns, other units
-(all at once; `--apart` one by one, to see which of them matters), read back from a store of any name, a term
-called `#2`, and the time counted from another zero. Verdict, suggested set, sizes in the same units and p-values must
-be the same to 1e-6, p-values corrected for trials to 1e-4. One line of JSON for each table; what stands in the file
-is not tried again. The status is 1 where something differed.
+Each table is diagnosed as it is and changed: rows and columns in another order, other words, other names of columns,
+other units (all at once; `--apart` one by one, to see which of them matters), read back from a store of any name, a
+term called `#2`, and the time counted from another zero. Verdict, suggested set, sizes in the same units, the error
+on held-out readings and p-values must be the same to 1e-6, p-values corrected for trials to 1e-4. One line of JSON
+for each table; what stands in the file is not tried again. The status is 1 where something differed.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def generic(readings: Readings, slopes: FloatArray) -> dict[str, TableEffect]:
     columns, words = list(readings.columns.values()), list(readings.categories.values())
     # The order counts: of effects that the readings cannot tell apart the first is named.
     effects: list[TableEffect] = []
-    if not Spanned(slopes).holds(np.ones((len(slopes), 1))):
+    if not _has_constant(slopes):
         effects.append(Offset(readings.response))
     effects.append(Drift(readings.order))
     effects += [Power(column, exponent) for exponent in (1, 2, 3) for column in columns]
@@ -48,6 +48,13 @@ def generic(readings: Readings, slopes: FloatArray) -> dict[str, TableEffect]:
     ]
     effects += [kind(column) for kind in (Step, Exponential, Periodic) for column in columns]
     return {effect.id: effect for effect in effects}
+
+
+def _has_constant(slopes: FloatArray) -> bool:
+    """Whether a baseline with these derivatives, (n, m), adds a constant already."""
+    # Squares of large values would overflow.
+    largest = np.abs(slopes).max(axis=0)
+    return Spanned(slopes / np.where(largest > 0.0, largest, 1.0)).holds(np.ones((len(slopes), 1)))
 
 
 def _is_own(slope: FloatArray, columns: Sequence[Column]) -> bool:

@@ -21,8 +21,8 @@ def in_order(
 ) -> tuple[dict[str, FloatArray], dict[str, Sequence[str]]]:
     """Columns of numbers and of words by what they contain, those named `first` before the others.
 
-    Columns are told apart by how their values are spread and go with the response in rows that are not `excluded`, which neither
-    their names, units and zeros nor the order of rows change; by name where that is the same.
+    Columns are told apart by how their values are spread and go with the response in rows that are not `excluded`,
+    which neither their names, units and zeros nor the order of rows change; by name where that is the same.
     """
     known = np.isfinite(samples[response])
     known[list(excluded)] = False
