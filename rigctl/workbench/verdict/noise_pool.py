@@ -58,9 +58,9 @@ class Pool:
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
         self._free = len(self._looked_at) - basis.shape[1]
-        rounding = _ROUNDING * float(np.max(np.abs(given.value[where]) / given.sigma[where]))
+        exact = _ROUNDING * float(np.max(np.abs(given.value[where]) / given.sigma[where]))
         typical = float(np.sqrt(np.mean(given.sigma[where] ** 2)))
-        self.least_scale = max(rounding, given.pools[given.pool_of[where[0]]].least_sigma / typical)
+        self.least_scale: float = max(exact, given.pools[given.pool_of[where[0]]].least_sigma / typical)
         self._trials = [Whitenings([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
         for name in order.kernels:
             # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.

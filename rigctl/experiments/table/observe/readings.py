@@ -277,7 +277,9 @@ def _require_measurable(samples: dict[str, FloatArray]) -> None:
             )
 
 
-def _require_only_marks(samples: Mapping[str, FloatArray], texts: Mapping[str, list[str]], spec: TableSpec) -> None:
+def _require_only_marks(
+    samples: Mapping[str, FloatArray], texts: Mapping[str, Sequence[str]], spec: TableSpec
+) -> None:
     """`DataError` where a column says which readings count and is used as a quantity too, or holds anything else."""
     marks = samples.get(VALID)
     if marks is None and VALID not in texts:
