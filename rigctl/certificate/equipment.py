@@ -8,6 +8,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from rigctl.campaign.stated import certificates_of
 from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.files.rig_file import Certificate, parse_rig
@@ -37,18 +38,10 @@ class Instrument:
 def instruments_of(store: Store) -> list[Instrument]:
     """Every instrument that answered, and every certificate of the rig file, warned of where it does not hold."""
     identities, roles = store.identities(), _roles(store)
-    certificates = certificates_of(store)
+    certificates = certificates_of(store.header)
     used = _last_day(store)
     names = dict.fromkeys([*roles, *identities, *certificates])
     return [_instrument(name, roles, identities.get(name, {}), certificates.get(name), used) for name in names]
-
-
-def certificates_of(store: Store) -> dict[str, Certificate]:
-    """Those of the rig file, or, of a recording from elsewhere, those that came with it."""
-    if store.header.rig_toml is not None:
-        return parse_rig(store.header.rig_toml, store.path).certificates
-    given = store.header.extra.get("certificates", {})
-    return {name: Certificate.model_validate(each) for name, each in given.items()} if isinstance(given, dict) else {}
 
 
 def recorded_conditions(store: Store) -> dict[str, tuple[float, float]]:

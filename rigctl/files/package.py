@@ -7,6 +7,7 @@ v_T = R(delta) M v_C with M the nominal matrix of (axis, configuration); U the h
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import numpy as np
@@ -112,6 +113,14 @@ class HeadSettings(Table):
     def tilt_rad(self) -> float:
         """Beam tilt [rad]."""
         return math.radians(self.tilt_deg)
+
+    def certified(self, uncertainty: Mapping[str, float] | None) -> HeadSettings:
+        """This head with what a certificate says of its scale and of its tilt; as it is without one."""
+        if uncertainty is None:
+            return self
+        # A tilt error changes the reading as the scale does, by tan(tilt) times the error.
+        from_tilt = math.tan(self.tilt_rad) * math.radians(uncertainty.get("tilt_deg", 0.0))
+        return self.model_copy(update={"u_scale": math.hypot(uncertainty.get("scale", 0.0), from_tilt)})
 
 
 PositiveOrZero = Annotated[float, Field(ge=0)]

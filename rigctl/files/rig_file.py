@@ -6,7 +6,6 @@ The settings of an instrument beyond driver, address and role are its driver's o
 from __future__ import annotations
 
 import hashlib
-import math
 import re
 from collections.abc import Iterator, Mapping
 from datetime import date
@@ -128,15 +127,8 @@ class RigFile(Table):
     @property
     def heads(self) -> dict[str, HeadSettings]:
         """The displacement heads, each with what its certificate says of its scale."""
-        return {name: self._certified(name, head) for name, head in self.lasers.items()}
-
-    def _certified(self, name: str, head: HeadSettings) -> HeadSettings:
-        if name not in self.certificates:
-            return head
-        known = self.certificates[name].uncertainty
-        # A tilt error changes the reading as the scale does, by tan(tilt) times the error.
-        from_tilt = math.tan(head.tilt_rad) * math.radians(known.get("tilt_deg", 0.0))
-        return head.model_copy(update={"u_scale": math.hypot(known.get("scale", 0.0), from_tilt)})
+        known = {name: each.uncertainty for name, each in self.certificates.items()}
+        return {name: head.certified(known.get(name)) for name, head in self.lasers.items()}
 
     @property
     def uncertainties(self) -> dict[str, dict[str, float]]:

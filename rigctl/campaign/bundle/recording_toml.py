@@ -14,6 +14,7 @@ from rigctl.campaign.bundle.csv_table import decode
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.layout import FACES
 from rigctl.campaign.recording import OWN_CLOCK, ChannelInfo, Header, LaserInfo, TableSpec
+from rigctl.campaign.stated import CONSTANTS_U, StatedFlaw, uncertainties_of
 from rigctl.campaign.table_constants import TableConstant, flaw_of_constants
 from rigctl.core.errors import DataError, either
 from rigctl.core.experiments import EXPERIMENTS, of_readings
@@ -73,7 +74,7 @@ def parse_toml(place: Place, data: bytes) -> TomlDocument:
 
 FORMAT = 1
 TILT_MAX_DEG = 90.0
-_NAMED = {"format", "experiment", "title", "started", "constants", "channels", "lasers"}
+_NAMED = {"format", "experiment", "title", "started", "world_sha256", "constants", "channels", "lasers"}
 # Has a file of its own, patterns.csv.
 _ELSEWHERE = {"patterns"}
 
@@ -90,10 +91,11 @@ def read_header(place: Place, data: bytes) -> Header:
     extra = {name: _json(value) for name, value in document.data.items() if name not in _NAMED}
     if of_readings(experiment):
         extra["table"] = _table_spec(document)
-    return Header(
+    header = Header(
         experiment=experiment,
         title=_text(document, ("title",), document.data.get("title", "")),
         started=_started(document),
+        world_sha256=_text(document, ("world_sha256",), document.data.get("world_sha256", "")) or None,
         constants={
             name: _constant(document, name, value) for name, value in _section(document, ("constants",)).items()
         },
@@ -101,6 +103,11 @@ def read_header(place: Place, data: bytes) -> Header:
         lasers={name: _laser(document, name) for name in _section(document, ("lasers",))},
         extra=extra,
     )
+    try:
+        uncertainties_of(header)
+    except StatedFlaw as flaw:
+        raise document.error(flaw.keys, flaw.said) from flaw
+    return header
 
 
 def header_to_toml(header: Header) -> str:
@@ -110,13 +117,16 @@ def header_to_toml(header: Header) -> str:
         "experiment": header.experiment,
         "title": header.title,
         "started": datetime.fromisoformat(header.started) if header.started else None,
+        # Whoever reads it has to know that no item was measured.
+        "world_sha256": header.world_sha256,
         "constants": header.constants,
         "channels": {name: _known_first(channel) for name, channel in header.channels.items()},
         "lasers": {name: _known_first(laser) for name, laser in header.lasers.items()},
     }
     extra = {name: value for name, value in header.extra.items() if name not in _NAMED | _ELSEWHERE}
+    constants_u = {name: u for name, u in uncertainties_of(header)["constants"].items() if u > 0.0}
     stated = {name: value for name, value in named.items() if value not in (None, "", {})}
-    return to_toml({**stated, **extra})
+    return to_toml({**stated, **extra, **({CONSTANTS_U: constants_u} if constants_u else {})})
 
 
 def _known_first(info: ChannelInfo | LaserInfo) -> dict[str, Any]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from rigctl.campaign.recording import Header
+from rigctl.campaign.stated import heads_of, uncertainties_of
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
@@ -18,7 +18,6 @@ from rigctl.experiments.frequency_response.columns import ACCEL, STAGE, is_head
 from rigctl.experiments.frequency_response.imagined import imagined, options
 from rigctl.experiments.frequency_response.model import Bench, Recorded, ResponseModel, recorded
 from rigctl.experiments.frequency_response.observables import reduction
-from rigctl.files.rig_file import parse_rig
 from rigctl.workbench.placed import Placed, placed
 from rigctl.workbench.study import Candidate, Model, Proposal, Term
 from rigctl.workbench.study_base import CatalogueStudy, own_model, parameters_as_json
@@ -26,14 +25,8 @@ from rigctl.workbench.study_base import CatalogueStudy, own_model, parameters_as
 
 def bench_of(header: Header) -> Bench:
     """What rig file, or imported recording, say of gravity, heads and uncertainties."""
-    if header.rig_toml is None:
-        tilts = {name: math.radians(laser.tilt_deg or 0.0) for name, laser in header.lasers.items()}
-        known = header.constants
-        names = ("g_m_s2", "delay_u_s", "gain_u", "reference_u", "frequency_u", "pitch_u_rad_m")
-        return Bench(**{name: float(known[name]) for name in names if name in known}, tilts_rad=tilts)
-    rig = parse_rig(header.rig_toml, Path("rig file"))
-    certified = {name: each.uncertainty for name, each in rig.certificates.items()}
-    heads = {name: head for name, head in rig.heads.items() if is_head(name)}
+    certified = uncertainties_of(header)
+    heads = {name: head for name, head in heads_of(header).items() if is_head(name)}
     # Where a head has a clock of its own, the phase of the displacement is the encoder's.
     own = [name for name in heads if name in header.channels and header.channels[name].clock is not None]
     timed = [STAGE if name in own else name for name in heads]
@@ -42,7 +35,7 @@ def bench_of(header: Header) -> Bench:
     displacement_u_s = math.sqrt(sum(each**2 for each in late_s) / max(len(late_s), 1))
     scale = math.sqrt(sum(head.u_scale**2 for head in heads.values())) / max(len(heads), 1)
     return Bench(
-        g_m_s2=rig.constant("g_m_s2", 9.80665),
+        g_m_s2=float(header.constants.get("g_m_s2", Bench.g_m_s2)),
         delay_u_s=math.hypot(certified.get(ACCEL, {}).get("latency_s", 0.0), displacement_u_s),
         gain_u=certified.get(ACCEL, {}).get("scale", 0.0),
         reference_u=scale,

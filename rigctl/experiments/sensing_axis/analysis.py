@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from rigctl.analysis.kept import Progress
 from rigctl.analysis.measurement_result import MeasurementResult
-from rigctl.campaign.recording import Header, RunSource
+from rigctl.campaign.recording import RunSource
+from rigctl.campaign.stated import uncertainties_of
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
-from rigctl.experiments.sensing_axis.result.budget import AxisBudget, Uncertainties, axis_budgets
+from rigctl.experiments.sensing_axis.result.budget import AxisBudget, axis_budgets
 from rigctl.experiments.sensing_axis.result.host_axes import host_axes, with_host_axes
 from rigctl.experiments.sensing_axis.result.measurement import axes_measured
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
-from rigctl.files.rig_file import parse_rig
 from rigctl.workbench.workbench import Workbench
 
 
@@ -59,10 +58,3 @@ def analyse(workbench: Workbench) -> SensingAxisResult:
     if not isinstance(studied, SensingAxisStudy):
         raise DataError(f"{store.path}: '{store.header.experiment}' recordings have no sensing axes")
     return sensing_axes(studied.model(workbench.current.terms).inner)
-
-
-def uncertainties_of(header: Header) -> Uncertainties:
-    """Standard uncertainties from the rig file's certificates, by name, and of its constants."""
-    if header.rig_toml is None:
-        return {}
-    return parse_rig(header.rig_toml, Path("rig file")).uncertainties

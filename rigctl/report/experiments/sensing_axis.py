@@ -11,10 +11,11 @@ import numpy as np
 from rigctl.analysis.plane import ARCSEC
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import RunRecord
+from rigctl.campaign.stated import uncertainties_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import UNFIT, DataError, ProcedureError
 from rigctl.effects.catalogue import chosen
-from rigctl.experiments.sensing_axis.analysis import analyse, numbers, uncertainties_of
+from rigctl.experiments.sensing_axis.analysis import analyse, numbers
 from rigctl.experiments.sensing_axis.model.fit import RecordingFit, fit_mounting
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run

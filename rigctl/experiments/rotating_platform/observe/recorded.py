@@ -71,11 +71,6 @@ def constant(header: Header, name: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def uncertainties(header: Header) -> Mapping[str, Mapping[str, float]]:
-    """Standard uncertainties of the rig file's certificates, and of its constants; none of a bundle."""
-    return {} if header.rig_toml is None else parse_rig(header.rig_toml, Path("rig file")).uncertainties
-
-
 def _known(header: Header, names: Mapping[str, str]) -> dict[str, float]:
     return {channel: value for channel, name in names.items() if (value := constant(header, name)) is not None}
 

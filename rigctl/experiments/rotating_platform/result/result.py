@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign.recording import Header
+from rigctl.campaign.stated import uncertainties_of
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, chains, uncertainties
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, chains
 from rigctl.experiments.rotating_platform.observe.run_noise import SIDED
 from rigctl.experiments.rotating_platform.result.alignment import Fitted, MeanBias, Value
 from rigctl.experiments.rotating_platform.result.budget import SENSORS, PlatformBudget, platform_budget
@@ -80,7 +81,7 @@ def platform_result(
         by_run.setdefault(each.run.run_id, []).append(each)
     runs = tuple(run_result(channels, noise) for channels in by_run.values())
     biases = _biases(runs) if set(believed.bias_v) == set(CHANNELS) else {}
-    budget = platform_budget(fitted.values, fitted.covariance, biases, believed, uncertainties(header))
+    budget = platform_budget(fitted.values, fitted.covariance, biases, believed, uncertainties_of(header))
     told = {
         name: Value(float(value), float(sigma))
         for name, value, sigma in zip(

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from rigctl.campaign.recording import Header
+from rigctl.campaign.stated import heads_of
 from rigctl.core.errors import DataError
 from rigctl.files.package import HeadSettings, Package
 from rigctl.files.rig_file import parse_rig
@@ -26,11 +27,11 @@ def recorded_calibration(header: Header) -> tuple[Package, dict[str, HeadSetting
     """Package, heads and gravity: from the rig file, else from what an imported recording says; `DataError`."""
     if header.rig_toml is None:
         g_m_s2 = float(header.constants.get("g_m_s2", STANDARD_G))
-        return recorded_package(header), recorded_heads(header), g_m_s2
+        return recorded_package(header), heads_of(header), g_m_s2
     rig_file = parse_rig(header.rig_toml, Path("rig file"))
     if rig_file.package is None:
         raise DataError("the recording's rig file has no [package]: what was calibrated is not known")
-    return rig_file.package, rig_file.heads, rig_file.constant("g_m_s2", STANDARD_G)
+    return rig_file.package, heads_of(header), rig_file.constant("g_m_s2", STANDARD_G)
 
 
 def recorded_package(header: Header) -> Package:
@@ -52,13 +53,6 @@ def recorded_package(header: Header) -> Package:
     return Package.model_validate(
         {"name": header.title or "recorded", "axes": axes, "configurations": configurations}
     )
-
-
-def recorded_heads(header: Header) -> dict[str, HeadSettings]:
-    """The heads by column; where each stands follows from the face it looks at, run by run."""
-    return {
-        name: HeadSettings(position="+x", tilt_deg=laser.tilt_deg or 0.0) for name, laser in header.lasers.items()
-    }
 
 
 def recorded_faces(header: Header) -> dict[str, str]:
