@@ -68,6 +68,9 @@ SINGLE_FAULTS = (
         silence="after its reply, between two questions: the connection is made anew before the next",
     ),
     Single("bits", "lasers_b", {"at_s": AFTER_IT_S}),
+    # the count of its storage, and the home search
+    Single("command_bits", "lasers_b", {"nth": [134]}),
+    Single("command_lost", "rotation", {"nth": [34]}, "six-mountings"),
     Single("refused", "rotation", {"between_s": [0.0, 5.0]}),
     Single("wrong_identity", "accelerometer", {"text": "34465A", "instead": "34401A"}),
     # stages

@@ -156,6 +156,8 @@ def test_every_kind_of_fault_has_a_campaign_that_tells_of_it() -> None:
         ("following_error", "stage", r"stage: it is homed no more.*following error"),
         ("target_lost", "lasers_a", r"\d+ of 666 samples of laser_1_mm are missing; does the head see its target"),
         ("saturation", "q_b", "q_b: 20 readings were beyond its range"),
+        ("command_bits", "lasers_b", r"lasers_b: SW,CI,0,001167,03 is CI,.* when it is read back"),
+        ("command_lost", "rotation", "rotation: '1OR' has not begun"),
     ],
 )
 def test_the_operator_is_told_of_a_fault_first(tmp_path: Path, fault: str, instrument: str, said: str) -> None:
