@@ -59,7 +59,7 @@ class _Test:
     """The test for data with the settings `setting_of` (n,), of standard deviation `sigma` (n,), of a model whose
     derivatives span `basis` (n, m); residuals are whitened, and `least` of their variance is rounding."""
 
-    def __init__(self, setting_of: IntArray, sigma: FloatArray, basis: FloatArray, least: float) -> None:
+    def __init__(self, setting_of: IntArray, sigma: FloatArray, basis: FloatArray, least: float = 0.0) -> None:
         self._basis, self._least = basis, least
         self._order = np.argsort(setting_of, kind="stable")
         self._first = np.flatnonzero(np.diff(setting_of[self._order], prepend=-1))
