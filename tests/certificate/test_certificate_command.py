@@ -84,7 +84,7 @@ def test_a_campaign_is_certified_verified_fitted_further_and_marked(desk: Any) -
     assert "C-7" in text
     assert "cube: its certificate expired on 2001-02-03" in text
 
-    assert desk.rigctl("model", "add", desk.store, "null-drift").status == 0
+    assert desk.rigctl("model", "add", desk.store, "quadratic").status == 0
     verified = desk.rigctl("verify", out, desk.store, "--json").json
     assert (verified["later"], verified["signature"]) == (1, None)
     assert verified["sha256"] == issued["basis_sha256"]
@@ -243,16 +243,12 @@ def test_another_form_is_refused_before_any_work(table: Any) -> None:
     assert not out.exists()
 
 
-def test_a_store_without_a_result_gives_one_line(desk: Any) -> None:
-    few = desk.directory / "few"
-    few.mkdir()
-    (few / "recording.toml").write_text((PONTIUS / "recording.toml").read_text())
-    (few / "readings.csv").write_text("\n".join((PONTIUS / "readings.csv").read_text().splitlines()[:2]))
-    assert desk.rigctl("import", few, "--store", desk.store).status == 0
-    out = desk.directory / "t.html"
-    ended = desk.rigctl("certificate", desk.store, "--out", out)
+def test_a_store_without_a_result_gives_one_line(table: Any) -> None:
+    assert table.rigctl("mark", table.store, "readings", "wrong cell", "--invalid").status == 0
+    out = table.directory / "t.html"
+    ended = table.rigctl("certificate", table.store, "--out", out)
     assert (ended.status, ended.out) == (2, "")
-    assert ended.err.splitlines()[-1].startswith("readings.csv: 1 usable readings for 2 parameters")
+    assert ended.err.splitlines()[-1].startswith("the readings are declared invalid (wrong cell)")
     assert "Traceback" not in ended.err
     assert not out.exists()
 
