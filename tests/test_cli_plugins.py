@@ -181,3 +181,17 @@ def test_an_investigation_asks_for_the_file_its_campaign_names(bench: Any) -> No
     found = bench.rigctl(*command, "--plugin", "drag.py").json
     assert found["model"] == {"version": 1, "effects": ["roll-gravity", "resonance", "drag"]}
     bench.rigctl(*command).refused(2, "model version 1", "pass --plugin")
+
+
+def test_a_plugin_changes_no_effect_that_a_table_has(desk: Any) -> None:
+    root = desk.directory / "root.py"
+    root.write_text(
+        "import numpy as np\nfrom rigctl.effects import effect\n\n\n"
+        '@effect("power2[load_lb]", on="response", parameters={"k": "1"}, typical={"k": 1e-4})\n'
+        'def root(run, k):\n    """A root."""\n    return k * np.sqrt(np.abs(run.column("load_lb")))\n'
+    )
+    pontius = Path(__file__).parents[1] / "examples" / "pontius"
+    assert desk.rigctl("import", pontius, "--store", desk.store).status == 0
+    for command in ("fit", "diagnose"):
+        said = "root.py", "power2[load_lb]", "choose another"
+        desk.rigctl(command, desk.store, "--plugin", root).refused(2, *said)

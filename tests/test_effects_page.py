@@ -69,6 +69,8 @@ SPOILED = {
     "on = 'sensor_output' is no point of the chain": ('on="angle_rad"', 'on="sensor_output"'),
     "it adds something with its parameters at zero": ("return c3", "return run.signal + c3"),
     "which does not fit run.signal's": ("return c3", "return np.ones(7) * c3"),
+    "it returns complex numbers, not real ones": ("return c3", "return 1j * c3"),
+    "it returns other numbers when it is called again": ("return c3", "return np.random.rand() * c3"),
     "what it adds does not depend on": (" + s3 * np.sin(3.0 * run.theta)", ""),
     "NameError: name 'np' is not defined": ("import numpy as np\n", ""),
     "is not known": ('"c3": "rad", "s3"', '"c3": "volts", "s3"'),

@@ -55,6 +55,9 @@ def flaw_of_function(effect: Effect) -> str | None:
             return f"{how} it returns nan or inf in every run"
     if not np.array_equal(before, run.signal):
         return "it changes run.signal in place; return what is added instead"
+    twice = [np.asarray(_returned(effect, run, sizes), dtype=np.float64) for _ in range(2)]
+    if not np.array_equal(*twice, equal_nan=True):
+        return "it returns other numbers when it is called again; leave chance, time and memory out of it"
     if np.any(np.abs(_returned(effect, run, absent)) > _NOTHING * np.abs(run.signal).max()):
         return "it adds something with its parameters at zero; choose parameters so that zero means absent"
     for name in sizes:
@@ -82,6 +85,8 @@ def _sizes(effect: Effect) -> dict[str, FloatArray]:
 
 def _flaw_of_values(values: Any, shape: tuple[int, ...]) -> str | None:
     """Why values cannot be added to a signal of `shape`; None when they can."""
+    if np.iscomplexobj(values):
+        return "it returns complex numbers, not real ones; return the part that is added"
     try:
         numbers = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import sqlite3
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,9 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.item import item_of
+from rigctl.campaign.recording import Header
 from rigctl.campaign.status import status_in
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import RigError, one_line
+from rigctl.core.units import unit_of_column
 from rigctl.experiments.analysis import Measuring, analysis_of
 from rigctl.files.item import Item
 from rigctl.history.kept_result import KeptResult, kept_result
@@ -112,7 +115,15 @@ def _model(store: Store, effects: tuple[str, ...]) -> str:
     if isinstance(analysis_of(header.experiment, store.path), Measuring):
         return ""
     formula = "" if header.table is None else f"{header.table.response} = {header.table.baseline}"
-    return ", ".join(filter(None, [formula, *sorted(effects)]))
+    said = [formula, *sorted(effects)]
+    return ", ".join(filter(None, [*said, *_units(header, " ".join(said))]))
+
+
+def _units(header: Header, said: str) -> list[str]:
+    """Of columns that a model names and whose names do not tell it: a parameter's unit follows from them."""
+    named = re.findall(r"\w+", said)
+    units = {name: channel.unit for name, channel in sorted(header.channels.items()) if name in named}
+    return [f"{name} in {unit}" for name, unit in units.items() if unit and unit != unit_of_column(name)]
 
 
 def _equipment(store: Store) -> str | None:

@@ -160,6 +160,11 @@ MISTAKES = {
         declared(parameters='{"b": "m/s2", "c": "m"}', typical='{"b": 1e-6, "c": 1.0}', arguments="run, b, c"),
         "does not depend on c",
     ),
+    "complex": (declared(body="return b * run.x * np.exp(1j * run.x)"), "complex numbers, not real ones"),
+    "chance": (
+        declared(body="return b * np.random.normal(size=run.x.shape)"),
+        "other numbers when it is called again",
+    ),
     "in place": (declared(body="run.signal *= 1 + b; run.signal += 1; return b * run.x"), "changes run.signal"),
 }
 

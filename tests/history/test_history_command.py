@@ -116,6 +116,32 @@ def test_calibrations_that_agree_and_one_that_does_not(desk: Any, lab: Path, cel
     assert desk.rigctl("history", lab, "--json").json["warnings"][0] in last
 
 
+def test_readings_in_another_unit_stand_apart(desk: Any) -> None:
+    rng = np.random.default_rng(5)
+    x = np.linspace(0.0, 10.0, 20)
+    for year, unit, b1 in ((2020, "V", 2.0), (2021, "mV", 2000.0), (2022, "V", 2.0), (2023, "V", 2.2)):
+        bundle, factor = desk.directory / f"bundle-{year}", 1000.0 if unit == "mV" else 1.0
+        bundle.mkdir()
+        y = b1 * x + 0.01 * factor * rng.normal(size=20)
+        (bundle / "readings.csv").write_text(
+            "x,out\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+        )
+        (bundle / "recording.toml").write_text(
+            f"format = 1\nexperiment = 'table'\nstarted = {year}-03-01T10:00:00Z\n"
+            "[table]\nresponse = 'out'\nbaseline = 'b0 + b1 * x'\n"
+            f"[item]\nserial = '{SERIAL}'\n[channels.out]\nunit = '{unit}'\n"
+        )
+        store = desk.directory / "lab" / f"{year}.rig.sqlite"
+        store.parent.mkdir(exist_ok=True)
+        import_bundle(bundle, store).close()
+    warned = desk.rigctl("history", desk.directory / "lab")
+    # Among those in volts the newest is off by a tenth, which a slope a thousand times as large had hidden.
+    assert warned.status == 1
+    assert "b1 of 2023-03-01" in warned.err
+    assert "out = b0 + b1 * x, out in V: 3 calibrations" in warned.out
+    assert "out = b0 + b1 * x, out in mV: 1 calibration" in warned.out
+
+
 def test_results_are_worked_out_once_and_again_with_another_model(
     desk: Any, lab: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -52,7 +52,16 @@ class TableStudy(StudyBase[TableData]):
 
     def __init__(self, source: RunSource, plugins: Sequence[Plugin] = (), data: TableData | None = None) -> None:
         super().__init__(source, plugins, data)
+        self._require_other_ids(plugins)
         self._require_enough(len(self.data.start))
+
+    def _require_other_ids(self, plugins: Sequence[Plugin]) -> None:
+        """`ConfigError` for a plug-in that changes what an effect made from the columns means."""
+        for plugin in plugins:
+            for effect in plugin.effects:
+                if effect.partition("#")[0] in self.data.generic:
+                    known = "the catalogue of this table has an effect of this id"
+                    raise ConfigError(f"{plugin.path}: effect '{effect}': {known}; choose another")
 
     def reduced_source(self) -> TableData:
         """The readings, each a run."""
