@@ -57,6 +57,15 @@ BAD_CAMPAIGNS = [
         ("amplitude_mm = 5.0", "amplitude_mm = 26.0\nstart_deg = 0.0"),
         ["campaign.toml", "stage", "26 mm", "travel", "at most 25 mm"],
     ),
+    # The highest drive decides, whichever comes first; at 3.6 Hz its third harmonic is at the Nyquist frequency.
+    (
+        ("amplitude_mm = 5.0", "amplitude_mm = 5.0\nsample_rate_hz = 1.0"),
+        ["campaign.toml", "procedure.sample_rate_hz", "1 Hz", "drive of 0.6 Hz", "more than 3.6 Hz"],
+    ),
+    (
+        ("amplitude_mm = 5.0", "amplitude_mm = 5.0\nsample_rate_hz = 3.6"),
+        ["campaign.toml", "procedure.sample_rate_hz", "more than 3.6 Hz"],
+    ),
     (("[0.3, 0.6]", "[0.3, 6.0]"), ["campaign.toml", "stage", "5 mm at 6 Hz", "acceleration", "at most 0.704 mm"]),
     (
         ("[0.3, 0.6]\namplitude_mm = 5.0", "[1.0, 0.5]\namplitude_mm = 20.0"),

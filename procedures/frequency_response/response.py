@@ -143,13 +143,14 @@ class Response(campaigns.Work):
     def check(self) -> None:
         """`LimitError` when stage or recorders cannot do it, before anything moves."""
         rate_hz = self.plan.procedure.sample_rate_hz
+        highest_hz = max(each.frequency_hz for each in self.plan.points)
+        if rate_hz < _SAMPLES_PER_PERIOD * highest_hz:
+            raise LimitError(
+                f"procedure.sample_rate_hz: {rate_hz:g} Hz is too slow for {highest_hz:g} Hz; "
+                f"at least {_SAMPLES_PER_PERIOD * highest_hz:g} Hz"
+            )
         for each in self.plan.points:
             check_oscillation(self.linear, each.amplitude_mm, each.frequency_hz)
-            if rate_hz < _SAMPLES_PER_PERIOD * each.frequency_hz:
-                raise LimitError(
-                    f"sample_rate_hz: {rate_hz:g} Hz is too slow for {each.frequency_hz:g} Hz; "
-                    f"at least {_SAMPLES_PER_PERIOD * each.frequency_hz:g} Hz"
-                )
             for recorder in (self.readout, self.linear, *self.lasers):
                 if (most := recorder.longest_record(1.0 / rate_hz)) < self._samples(each):
                     raise LimitError(

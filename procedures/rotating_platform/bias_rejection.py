@@ -97,6 +97,11 @@ class Plan:
 
     def _recordings(self, run: ListedRun) -> Iterator[Recording]:
         rate_hz = run.sample_rate_hz or self.procedure.sample_rate_hz
+        if run.external_period_s is not None and rate_hz * run.external_period_s <= 2.0:
+            raise ConfigError(
+                f"sample_rate_hz: {rate_hz:g} Hz does not show an external_period_s of {run.external_period_s:g} s; "
+                f"take more than {2.0 / run.external_period_s:g} Hz, or a longer period"
+            )
         sampled = self._pattern(run).sampled(rate_hz) if run.modulated else None
         if sampled is not None:
             self._require(run, sampled)

@@ -31,6 +31,7 @@ from rigctl.core.interfaces import (
     Thermometer,
     Voltmeter,
 )
+from rigctl.experiments.sensing_axis.observe.observables import HARMONICS
 from rigctl.experiments.sensing_axis.observe.reduction import face_column
 from rigctl.experiments.sensing_axis.observe.set_points import peak_output_v
 from rigctl.files.package import HeadSettings, Package
@@ -43,6 +44,9 @@ NULL_WITHIN_DEG = 2.0
 
 OSCILLATION_MARGIN_S = 30.0
 """Settling, arming and read-out fit in here."""
+
+DRIVE_WITHIN = 1e-3
+"""A drive has the frequency that is asked for to better than this part."""
 
 ANGLE_RESOLUTION_DEG = 1e-4
 """Set-points are whole steps of the rotation stage (0.36 arcsec)."""
@@ -138,7 +142,10 @@ class Bench:
             self._oscillating = False
 
     def check(self, point: SetPoint, *, lasers: bool) -> None:
-        """`LimitError` when the stages cannot do it, or the spots would leave the cube's faces."""
+        """`LimitError` when the stages cannot do it, the samples would not show the drive, or the spots would leave
+        the cube's faces.
+        """
+        check_rate(point.sample_rate_hz, point.frequency_hz)
         self._check_angle(point)
         check_oscillation(self.linear, point.amplitude_mm, point.frequency_hz)
         longest_s = self.longest_run_s(point.sample_rate_hz, lasers=lasers)
@@ -312,6 +319,17 @@ class Bench:
 
     def _temperature_c(self) -> float:
         return self.thermometer.temperature().value if self.thermometer is not None else math.nan
+
+
+def check_rate(sample_rate_hz: float, frequency_hz: float) -> None:
+    """`LimitError` when samples at this rate do not hold the harmonics that are fitted to a drive."""
+    # Aliased, the encoder shows another amplitude than the stage has, and nothing of that is the stage's fault.
+    too_slow_hz = 2.0 * HARMONICS * frequency_hz
+    if sample_rate_hz <= too_slow_hz * (1.0 + DRIVE_WITHIN):
+        raise LimitError(
+            f"procedure.sample_rate_hz: {sample_rate_hz:g} Hz is too slow for the {HARMONICS} harmonics that are "
+            f"fitted to a drive of {frequency_hz:g} Hz; take more than {too_slow_hz:g} Hz, or drive more slowly"
+        )
 
 
 def check_oscillation(linear: LinearStage, amplitude_mm: float, frequency_hz: float) -> None:

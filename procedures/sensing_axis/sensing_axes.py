@@ -14,7 +14,7 @@ from typing import Any
 from procedures import campaigns
 from procedures.campaigns import Instruments
 from procedures.sensing_axis import scan
-from procedures.sensing_axis.bench import Bench, SetPoint
+from procedures.sensing_axis.bench import Bench, SetPoint, check_rate
 from procedures.sensing_axis.forecast import theta0_sigma_arcsec
 from procedures.sensing_axis.mounting import Fixture, Mounting, MountingLostError, Seated
 from procedures.sensing_axis.noise_check import NOISE_CHECK, check_noise, require_seen
@@ -156,6 +156,7 @@ class Plan(campaigns.Plan):
             expected_dwells_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
             if procedure.noise_check_s > 0.0:
                 require_seen(procedure.frequencies_hz, procedure.noise_check_s)
+        check_rate(procedure.sample_rate_hz, max(self._driven_hz()))
 
     def _check_scan(self, bench: Bench) -> None:
         for i, run in enumerate(self.procedure.runs):
@@ -179,6 +180,12 @@ class Plan(campaigns.Plan):
         return [
             self.point(Mounting(procedure.axes[0], procedure.configurations[0], 0), angle, frequency)
             for angle in (*procedure.angles_deg, procedure.start_deg)
+    def _driven_hz(self) -> list[float]:
+        """The frequencies of all drives."""
+        if self.procedure.name in SCANS:
+            return [run.frequency_hz for run in scan.listed(self.procedure)]
+        return list(self.procedure.frequencies_hz)
+
             for frequency in procedure.frequencies_hz
         ]
 

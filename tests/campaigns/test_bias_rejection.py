@@ -281,6 +281,8 @@ def test_a_custom_pattern_goes_with_the_recording(made: Callable[..., Path], des
         (SMALL, "periods = 3", "periods = 3\nsample_rate_hz = 5000.0", LimitError,
          "q_a: a sample every 0.0002 s asked for"),
         (SMALL, "periods = 3", "periods = 3\nsample_rate_hz = 0.33", ConfigError, "60 s is 19.8 samples"),
+        (SMALL, "external_period_s = 100.0", "external_period_s = 0.2", ConfigError,
+         "sample_rate_hz: 10 Hz does not show an external_period_s of 0.2 s; take more than 10 Hz"),
         (SMALL, "external_period_s = 100.0\n", "", ConfigError,
          "external sine and triangle need external_period_s"),
         (SMALL, "duration_s = 100.0\n", "", ConfigError, "pattern noise needs duration_s"),

@@ -207,7 +207,11 @@ def test_a_column_in_metres_is_refused(made: Made, desk: Any, name: str) -> None
     ("of_campaign", "of_rig", "said"),
     [
         ({"amplitude_max_mm = 20.0": "amplitude_max_mm = 30.0"}, {}, "stage: 30 mm at 1.25 Hz exceeds its travel"),
-        ({"sample_rate_hz = 200.0": "sample_rate_hz = 100.0"}, {}, "sample_rate_hz: 100 Hz is too slow for 20 Hz"),
+        (
+            {"sample_rate_hz = 200.0": "sample_rate_hz = 10.0"},
+            {},
+            "c.toml: procedure.sample_rate_hz: 10 Hz is too slow for 20 Hz; at least 160 Hz",
+        ),
         ({"accelerations_m_s2 = [0.2, 1.0, 4.0]\n": ""}, {}, "say what to sweep"),
         ({}, {"timing_pulse_s = 2.2e-3": "timing_pulse_s = 4e-3"}, "lower the rate"),
     ],
