@@ -91,7 +91,10 @@ class Plan(Protocol):
         ...
 
     def forecast(self, rig: Instruments) -> Mapping[str, Any]:
-        """What it would do with a rig: keys of `rigctl run --dry-run --json` beyond those of every plan."""
+        """What it would do with a rig: keys of `rigctl run --dry-run --json` beyond those of every plan.
+
+        `warnings`, if there are any: what can be carried out, but not everything may come of it that is hoped for.
+        """
         ...
 
     def kept(self) -> Mapping[str, Any]:

@@ -176,12 +176,15 @@ def dry_run(
     plan = _plan(campaign, None, [load(path) for path in plugins], workers)
     rig = Rig(rig_file)
     _work(plan, rig, campaign)
+    forecast = dict(plan.forecast(rig))
+    warnings = [*rig_file.warnings, *(f"{campaign.path}: {each}" for each in forecast.pop("warnings", ()))]
     return {
         "experiment": campaign.experiment,
         "procedure": campaign.procedure.get("name", ""),
         "runs_planned": plan.runs,
         "effects": list(campaign.model.effects),
-        **plan.forecast(rig),
+        **forecast,
+        **({"warnings": warnings} if warnings else {}),
     }
 
 

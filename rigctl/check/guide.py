@@ -81,6 +81,9 @@ def check(
         asking = Asking(rig, lines.add)
         asking.ask_all()
         usable = _usable(file, asking, lines.add) if wanted.steps else file
+    for warning in file.warnings:
+        what, _, mend = warning.partition("; ")
+        lines.add("", unknown("capability", "certificates", what, mend))
     only_asked = len(lines.lines)
     learned = _tried(usable, wanted, lines.add, say) if wanted.steps and usable.instruments else {}
     for line in _left_out(wanted):

@@ -18,6 +18,7 @@ from rigctl.core.errors import ConfigError, one_line
 from rigctl.core.file_tables import Table
 from rigctl.core.toml import TomlFlaw, parsed
 from rigctl.core.units import flaw_of_constant
+from rigctl.files.certified import misspelt, unread
 from rigctl.files.package import HeadSettings, Package
 from rigctl.files.toml_files import checked_file, parsed_file, read_text
 
@@ -131,10 +132,19 @@ class RigFile(Table):
         return {name: head.certified(known.get(name)) for name, head in self.lasers.items()}
 
     @property
+    def certified(self) -> dict[str, dict[str, float]]:
+        """Standard uncertainties of the certificates by name and quantity."""
+        return {name: dict(each.uncertainty) for name, each in self.certificates.items()}
+
+    @property
+    def warnings(self) -> list[str]:
+        """What may be, but was perhaps not meant so."""
+        return [f"{self.path}: {each}" for each in unread(self.certified, self.lasers)]
+
+    @property
     def uncertainties(self) -> dict[str, dict[str, float]]:
         """Standard uncertainties of the certificates by name and quantity; those of the constants as "constants"."""
-        certified = {name: dict(each.uncertainty) for name, each in self.certificates.items()}
-        return {**certified, "constants": {name: each.u for name, each in self.constants.items()}}
+        return {**self.certified, "constants": {name: each.u for name, each in self.constants.items()}}
 
     def constant(self, name: str, default: float) -> float:
         """Value of a constant, or the default."""
@@ -151,7 +161,11 @@ def _files_named(table: Mapping[str, Any]) -> Iterator[Path]:
 
 def read_rig(path: Path) -> RigFile:
     """Read and check a rig file; `ConfigError`."""
-    return parse_rig(read_text(path), path)
+    file = parse_rig(read_text(path), path)
+    # Not of a file in a store: what has been measured with it can still be analysed.
+    for flaw in misspelt(file.certified, file.lasers):
+        raise ConfigError(one_line(f"{path}: {flaw}"))
+    return file
 
 
 def parse_rig(text: str, path: Path) -> RigFile:

@@ -83,6 +83,14 @@ def test_simulated_instruments_need_no_check(desk: Any, campaigns: Path) -> None
     assert "stage" in required.real_instruments(read_rig(desk.directory / "client.toml"))
 
 
+def test_a_certificate_that_no_budget_reads_is_told(desk: Any) -> None:
+    rig = desk.rig(("[certificates.accel_v]", "[certificates.accelerometer]"))
+    findings = desk.rigctl("check", rig, "--json").json["findings"]
+    (told,) = [each for each in findings if each["item"] == "certificates"]
+    assert told["outcome"] == "unknown"
+    assert told["found"].endswith("certificates.accelerometer.uncertainty: no budget reads it")
+
+
 def test_what_differed_has_to_be_mended_first(file: RigFile) -> None:
     kept_for(file, record.Line.of("rotation", differs("limits", "travel", "-10 to 10 deg", "widen it")))
     with pytest.raises(NotChecked, match=r"rotation differed \(limits, travel: -10 to 10 deg\); mend it"):
