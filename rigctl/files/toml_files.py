@@ -5,6 +5,7 @@ Every complaint is one line that names file, key and mend.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,15 +19,17 @@ from rigctl.core.toml import TomlFlaw, parsed
 
 Model = TypeVar("Model", bound=BaseModel)
 
+_PYTHON_MODEL = re.compile(r" or instance of \w+")
+
 NOT_KEYS = {"path", "text"}
 """Fields of a file that do not come from its text."""
 
 
 def read_text(path: Path) -> str:
-    """The text of a file, its lines ended by LF; `ConfigError`."""
+    """The text of a file, its lines ended by LF, without a byte order mark; `ConfigError`."""
     try:
         # Equal files have equal hashes, whatever system their lines come from.
-        return read_regular(path, TOML_BYTES).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        return read_regular(path, TOML_BYTES).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; check the name") from None
     except UnicodeDecodeError as error:
@@ -68,6 +71,8 @@ def explain(model: type[BaseModel], error: ValidationError, prefix: str = "") ->
         return f"{key} is missing; add it{more}"
     message = fault["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
+    # An operator writes TOML, not Python.
+    message = _PYTHON_MODEL.sub("", message).replace("valid tuple", "list").replace("valid dictionary", "table")
     given = fault.get("input")
     # A whole table would make the message longer than it is of use.
     shown = f", not {given!r}" if isinstance(given, str | int | float | bool) else ""
