@@ -155,6 +155,11 @@ def test_an_unknown_key_of_a_rig_file_is_named(keys: tuple[str, ...], entry: dic
         (("package", "configurations", "flag"), {"k": "up"}, "package.configurations.flag.k"),
         (("package", "axes", "Y", "sensor"), {"flag": None}, "axes.Y.sensor lacks configuration flag"),
         (("certificates", "cube"), {"uncertainty": {"x": -1.0}}, "certificates.cube.uncertainty.x"),
+        (("lasers", "laser_1_mm"), {"tilt_deg": 90.0}, "lasers.laser_1_mm.tilt_deg: input should be less than 90"),
+        (("package", "axes", "Y"), {"nominal": [0, 0, 0]}, "package.axes.Y.nominal: is no direction; write"),
+        (("package", "axes", "Y"), {"nominal": [0, 1e-200, 0]}, "package.axes.Y.nominal: is no direction; write"),
+        (("package", "axes", "Y"), {"sensor": 3}, "package.axes.Y.sensor: input should be a table"),
+        (("package", "axes", "Y", "sensor"), {"flag": 3}, "sensor.flag: input should be a table, not 3"),
         ((), {"world": 3}, "world: write it as tables of its own"),
     ],
 )
@@ -178,7 +183,7 @@ def test_a_wrong_value_of_a_rig_file_is_named_with_what_is_allowed(
         (("procedure",), {"mountings": 2.5}, "procedure.mountings: input should be a valid integer"),
         (("procedure",), {"mountings": True}, "procedure.mountings: input should be a valid integer"),
         (("procedure",), {"mountings": 0}, "procedure.mountings: input should be greater than or equal to 1"),
-        (("procedure",), {"axes": "X"}, "procedure.axes: input should be a valid tuple"),
+        (("procedure",), {"axes": "X"}, "procedure.axes: input should be a list, not 'X'"),
         (("procedure",), {"axes": []}, "procedure.axes"),
         (("procedure",), {"axes": ["X", "X"]}, "procedure.axes: has the same entry twice"),
         (("procedure",), {"frequencies_hz": [0.5, math.inf]}, "procedure.frequencies_hz.1: inf is no quantity"),
@@ -186,6 +191,7 @@ def test_a_wrong_value_of_a_rig_file_is_named_with_what_is_allowed(
         (("procedure",), {"name": "seven-mountings"}, "procedure.name: input should be 'six-mountings'"),
         (("targets",), {"theta0_sigma_deg": 0.1}, "unknown key targets.theta0_sigma_deg"),
         (("model",), {"effects": ["roll"]}, "model.effects: "),
+        (("model",), {"effects": ["yaw", "resonance", "yaw"]}, "model.effects: has yaw twice; name each effect once"),
         (("model",), {"effect": ["roll-gravity"]}, "unknown key model.effect; known there: effects"),
         (("reference", "axes"), {"X": [1.0, 0.0]}, "reference.axes.X"),
     ],
@@ -215,6 +221,59 @@ def test_files_that_cannot_be_read_say_why(tmp_path: Path) -> None:
         with pytest.raises(ConfigError) as error:
             read(latin)
         complaint(error, "latin.toml: not UTF-8 text (byte 9)")
+
+
+def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    text = to_toml(RIG)
+    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert read_rig(file).text == text
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "known"),
+    [
+        ("cube", "ortogonality_arcsec", "orthogonality_arcsec"),
+        ("accel_v", "latency_ms", "latency_s, scale, clock"),
+        ("laser_1_mm", "tilt_arcsec", "tilt_deg, scale, latency_s"),
+        ("stage", "yaw", "yaw_rad_per_m, recoil_rad_s2_per_m, pitch_rad_per_m"),
+    ],
+)
+def test_an_uncertainty_that_no_budget_knows_is_refused_but_not_in_a_store(
+    tmp_path: Path, name: str, quantity: str, known: str
+) -> None:
+    file = tmp_path / "rig.toml"
+    text = changed(RIG, "certificates", name, uncertainty={quantity: 1e-3})
+    file.write_text(text)
+    with pytest.raises(ConfigError) as error:
+        read_rig(file)
+    complaint(error, f"{file}: unknown key certificates.{name}.uncertainty.{quantity}; known there: {known}")
+    # What was measured with it is there, and can be analysed.
+    assert parse_rig(text, file).uncertainties[name] == {quantity: 1e-3}
+
+
+def test_a_certificate_that_no_budget_reads_is_warned_of(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    level = {"number": "L-1", "uncertainty": {"bubble_arcsec": 5.0}}
+    file.write_text(changed(RIG, "certificates", level=level, thermometer={"number": "T-2"}))
+    rig = read_rig(file)
+    campaign = read_campaign(CAMPAIGNS / "isa-flight-model.toml")
+    (warning,) = runner.dry_run(campaign, rig)["warnings"]
+    assert warning.startswith(f"{file}: certificates.level.uncertainty: no budget reads it; budgets read those of ")
+    assert "warnings" not in runner.dry_run(campaign, read_rig(campaign.rig_path))
+
+
+@pytest.mark.parametrize(
+    ("entries", "warning"),
+    [
+        ({"configurations": ["flag"]}, "procedure.configurations: in flag alone X moves along one line of the cube"),
+        ({"mountings": 1}, "procedure.mountings: 1 in each of 2 configurations give fewer than the 3 motion vectors"),
+    ],
+)
+def test_a_dry_run_warns_of_mountings_that_tell_no_axis(entries: dict[str, Any], warning: str) -> None:
+    campaign = parse_campaign(changed(CAMPAIGN, "procedure", **entries), Path("campaign.toml"))
+    (told,) = runner.dry_run(campaign, parse_rig(to_toml(RIG), Path("rig.toml")))["warnings"]
+    assert told.startswith(f"campaign.toml: {warning}")
 
 
 @pytest.mark.parametrize("text", ["[rig", "a = ", "a = 1\na = 2", "x = [1,,2]", "[" * 5000])

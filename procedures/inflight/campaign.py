@@ -20,6 +20,7 @@ from rigctl.campaign.store.parts import Part
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.effects.plugins import Plugin
+from rigctl.experiments.inflight.observe.sessions import fewest_orbits
 from rigctl.files.campaign_file import CampaignFile, settings_of
 from rigctl.files.toml_files import validated
 from rigctl.workbench.study import Allowed, Proposal
@@ -84,7 +85,20 @@ def within(flight: Flight, calibration: Calibration) -> Allowed:
 def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> CalibrationPlan:
     """The sessions a campaign file asks for; `ConfigError`."""
     del part, plugins
-    return CalibrationPlan(procedure_of(campaign))
+    calibration = procedure_of(campaign)
+    _require_long_enough(calibration, campaign)
+    return CalibrationPlan(calibration)
+
+
+def _require_long_enough(calibration: Calibration, campaign: CampaignFile) -> None:
+    """`ConfigError` for sessions whose runs would all be left out of the result."""
+    for name in calibration.sessions:
+        orbits, least = calibration.orbits_of(name), fewest_orbits(name)
+        if orbits < least:
+            raise ConfigError(
+                f"{campaign.path}: procedure.{calibration.orbits_key(name)}: {orbits:g} orbits of session {name} are "
+                f"too few to tell its lines apart; take at least {least:g}"
+            )
 
 
 def procedure_of(campaign: CampaignFile) -> Calibration:

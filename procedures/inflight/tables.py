@@ -60,9 +60,15 @@ class Calibration(Table):
 
     def orbits_of(self, name: str) -> float:
         """How long a session is."""
+        orbits: float = getattr(self, self.orbits_key(name))
+        return orbits
+
+    @staticmethod
+    def orbits_key(name: str) -> str:
+        """Which key says how long a session is."""
         if name in EQUIVALENCE:
-            return self.orbits_ep
-        return self.orbits_ac12 if name == "ac12" else self.orbits
+            return "orbits_ep"
+        return "orbits_ac12" if name == "ac12" else "orbits"
 
     @field_validator("stimuli")
     @classmethod

@@ -7,7 +7,7 @@ that needs the lasers at every angle, for comparison with the null search. `quic
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,9 +27,13 @@ from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.fit import ROLL
 from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
+from rigctl.files.package import Package
 
 # A coarse run, then one each at the lowest and the highest frequency.
 RUNS_PER_MOUNTING = 3
+
+FEWEST_VECTORS = 3
+"""Two lie in a plane however they scatter, which says nothing of how well it is known."""
 
 SCANS = ("scan", "angle-scan")
 """Procedures whose runs are all known before the first one."""
@@ -125,7 +129,25 @@ class Plan(campaigns.Plan):
             "rig_time_s": round(
                 self.procedure.noise_check_s * searches + sum(point.dwell_s + OVERHEAD_S for point in points)
             ),
+            "warnings": self._warnings(bench.package),
         }
+
+    def _warnings(self, package: Package) -> Sequence[str]:
+        """Of mountings that determine no axis: its plane takes three motion vectors, along more than one line."""
+        asked = self.procedure
+        if asked.name != "six-mountings":
+            return ()
+        if parallel := [axis for axis in asked.axes if not package.spans_plane(axis, asked.configurations)]:
+            return [
+                f"procedure.configurations: in {' and '.join(asked.configurations)} alone {parallel[0]} moves along "
+                "one line of the cube, which tells no sensing axis; add a configuration where it moves along another"
+            ]
+        if asked.mountings * len(asked.configurations) < FEWEST_VECTORS:
+            return [
+                f"procedure.mountings: {asked.mountings} in each of {len(asked.configurations)} configurations give "
+                f"fewer than the {FEWEST_VECTORS} motion vectors that a sensing axis takes; ask for more mountings"
+            ]
+        return ()
 
     def check(self, bench: Bench) -> None:
         """Whether the rig can do all of it, before anything moves: `ConfigError` or `LimitError`."""
@@ -134,6 +156,7 @@ class Plan(campaigns.Plan):
         self._require(
             "procedure.configurations", "configuration", procedure.configurations, bench.package.configurations
         )
+        check_rate(procedure.sample_rate_hz, max(self._driven_hz()))
         if procedure.name in SCANS:
             self._check_scan(bench)
         # Its runs were checked one by one; the keys below are those of other procedures.
@@ -156,7 +179,12 @@ class Plan(campaigns.Plan):
             expected_dwells_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
             if procedure.noise_check_s > 0.0:
                 require_seen(procedure.frequencies_hz, procedure.noise_check_s)
-        check_rate(procedure.sample_rate_hz, max(self._driven_hz()))
+
+    def _driven_hz(self) -> list[float]:
+        """The frequencies of all drives."""
+        if self.procedure.name in SCANS:
+            return [run.frequency_hz for run in scan.listed(self.procedure)]
+        return list(self.procedure.frequencies_hz)
 
     def _check_scan(self, bench: Bench) -> None:
         for i, run in enumerate(self.procedure.runs):
@@ -180,12 +208,6 @@ class Plan(campaigns.Plan):
         return [
             self.point(Mounting(procedure.axes[0], procedure.configurations[0], 0), angle, frequency)
             for angle in (*procedure.angles_deg, procedure.start_deg)
-    def _driven_hz(self) -> list[float]:
-        """The frequencies of all drives."""
-        if self.procedure.name in SCANS:
-            return [run.frequency_hz for run in scan.listed(self.procedure)]
-        return list(self.procedure.frequencies_hz)
-
             for frequency in procedure.frequencies_hz
         ]
 

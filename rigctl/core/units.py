@@ -204,6 +204,8 @@ ORBIT_MIN_S = 1000.0
 """No body of ordinary matter is so dense that it can be circled faster; in minutes an orbit looks like that."""
 
 ECCENTRICITY_MAX = 1.0
+TILT_MAX_DEG = 90.0
+"""So far from the normal of its face a beam misses it."""
 
 
 def flaw_of_constant(name: str, value: float) -> str | None:

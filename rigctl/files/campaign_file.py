@@ -24,6 +24,14 @@ class ModelTable(Table):
 
     effects: tuple[str, ...] = ()
 
+    @field_validator("effects")
+    @classmethod
+    def _no_repeats(cls, values: tuple[str, ...]) -> tuple[str, ...]:
+        for place, name in enumerate(values):
+            if name in values[:place]:
+                raise ValueError(f"has {name} twice; name each effect once")
+        return values
+
 
 class ReferenceTable(Table):
     """Values to print a result beside."""

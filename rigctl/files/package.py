@@ -7,17 +7,18 @@ v_T = R(delta) M v_C with M the nominal matrix of (axis, configuration); U the h
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from rigctl.analysis.plane import ARCSEC
 from rigctl.analysis.rotation import FrameRotation, rotation_between
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.core.file_tables import Table
+from rigctl.core.units import TILT_MAX_DEG
 
 Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 CubeAxis = Literal["X", "Y", "Z"]
@@ -68,6 +69,14 @@ class AxisSettings(Table):
     nominal: tuple[float, float, float]
     sensor: dict[str, SensorSettings]
 
+    @field_validator("nominal")
+    @classmethod
+    def _is_a_direction(cls, nominal: tuple[float, float, float]) -> tuple[float, float, float]:
+        # Not the components: the squares of very small ones are zero.
+        if not np.linalg.norm(nominal) > 0.0:
+            raise ValueError("is no direction; write the sensing axis' components along x, y, z of the cube")
+        return nominal
+
     @property
     def nominal_axis(self) -> FloatArray:
         """Unit vector of the nominal sensing axis in C."""
@@ -106,7 +115,7 @@ class HeadSettings(Table):
     """
 
     position: Direction
-    tilt_deg: float = 0.0
+    tilt_deg: Annotated[float, Field(gt=-TILT_MAX_DEG, lt=TILT_MAX_DEG)] = 0.0
     u_scale: Annotated[float, Field(ge=0)] = 0.0
 
     @property
@@ -241,6 +250,11 @@ class Package(Table):
         normal = self.turntable_from_cube(axis, configuration).T @ unit_vector(position)
         component = int(np.argmax(np.abs(normal)))
         return ("-" if normal[component] < 0 else "") + "xyz"[component]
+
+    def spans_plane(self, axis: str, configurations: Iterable[str]) -> bool:
+        """Whether motions in these configurations lie along different lines of the cube, as two must for an axis."""
+        # The stage moves along x, whose sign the fit of a plane does not mind.
+        return len({self.face(axis, name, "+x")[-1] for name in configurations}) > 1
 
     def spot_margin_mm(self, theta_deg: float, amplitude_mm: float) -> float:
         """How far inside the cube's side face the spot stays; negative when it leaves it.

@@ -87,7 +87,7 @@ KINDS = {
     ),
     "in flight": (
         "microscope-rig.toml",
-        'experiment = "inflight-calibration"\nrig = "rig.toml"\n[procedure]\nsessions = ["dx", "dz"]\norbits = 1.0\n',
+        'experiment = "inflight-calibration"\nrig = "rig.toml"\n[procedure]\nsessions = ["dx", "dz"]\norbits = 6.0\n',
         "",
     ),
 }

@@ -25,7 +25,7 @@ from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import Aborted, ConfigError, ImplausibleSample, LimitError, LinkLost
 from rigctl.core.satellites import DragFreeSatellite, FlightSession, Stimulus
-from rigctl.files.campaign_file import read_campaign
+from rigctl.files.campaign_file import parse_campaign, read_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 from rigctl.serving import Served
@@ -184,6 +184,25 @@ def test_what_the_satellite_or_the_analysis_cannot_do_is_refused(
     assert not orbit.store.runs()
 
 
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        (
+            "orbits = 3",
+            "procedure.orbits: 3 orbits of session dx are too few to tell its lines apart; take at least 6",
+        ),
+        ("orbits_ac12 = 5.9", "procedure.orbits_ac12: 5.9 orbits of session ac12 are too few"),
+        ('sessions = ["ep_spin"]\norbits_ep = 7.0', "procedure.orbits_ep: 7 orbits of session ep_spin are too few"),
+    ],
+)
+def test_sessions_that_no_result_could_use_are_refused(asked: str, says: str) -> None:
+    campaign = parse_campaign(f"{(CAMPAIGNS / 'microscope.toml').read_text()}{asked}\n", Path("c.toml"))
+    with pytest.raises(ConfigError) as refused:
+        runner.dry_run(campaign, read_rig(CAMPAIGNS / "microscope-rig.toml"))
+    assert str(refused.value).startswith(f"c.toml: {says}")
+    assert len(str(refused.value).splitlines()) == 1
+
+
 def test_a_stimulus_without_a_whole_number_of_periods_is_remarked_on(launch: Callable[..., InOrbit]) -> None:
     orbit = launch()
     (remark,) = check(orbit.flight, SHORT.model_copy(update={"common_hz": 3.1e-3}))
@@ -237,7 +256,7 @@ def test_a_rig_file_that_has_no_satellite_is_refused_in_one_line(
 
 def test_a_calibration_is_exported_as_a_bundle_that_reads_without_a_remark(tmp_path: Path) -> None:
     text = (CAMPAIGNS / "microscope.toml").read_text() + (
-        'sessions = ["dx", "dy", "ac12", "k2c_2"]\norbits = 0.3\norbits_ac12 = 0.3\nturn_hz = 5.6e-3\n'
+        'sessions = ["dx", "dy", "ac12", "k2c_2"]\norbits = 6.0\norbits_ac12 = 6.0\nturn_hz = 5.6e-3\n'
     )
     (tmp_path / "campaign.toml").write_text(text)
     rig = (CAMPAIGNS / "microscope-rig.toml").read_text()

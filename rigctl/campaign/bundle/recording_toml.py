@@ -20,7 +20,7 @@ from rigctl.core.errors import DataError, either
 from rigctl.core.experiments import EXPERIMENTS, of_readings
 from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.core.toml import TomlFlaw, parsed, to_toml
-from rigctl.core.units import contradicts, flaw_of_constant, unit_of_column
+from rigctl.core.units import TILT_MAX_DEG, contradicts, flaw_of_constant, unit_of_column
 from rigctl.files.item import Item
 
 # tomllib tells no position of a value, so keys are looked for in the text once an error needs its line.
@@ -73,7 +73,6 @@ def parse_toml(place: Place, data: bytes) -> TomlDocument:
 
 
 FORMAT = 1
-TILT_MAX_DEG = 90.0
 _NAMED = {"format", "experiment", "title", "started", "world_sha256", "constants", "channels", "lasers"}
 # Has a file of its own, patterns.csv.
 _ELSEWHERE = {"patterns"}

@@ -17,12 +17,11 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.grid import grid_of
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, covered, raw_series
-from rigctl.experiments.inflight.observe.sessions import Session, session_of
+from rigctl.experiments.inflight.observe.sessions import Session, fewest_orbits, session_of
 from rigctl.experiments.inflight.observe.waves import templates
 from rigctl.experiments.inflight.observe.weights import FEWEST_SAMPLES, taper
 
 GRAVITY = ("g_x", "g_z")
-FEWEST_ORBITS = 8.0
 BESIDE_ORBITAL = 0.45
 """Half the width, in frequencies of the orbit, of the band beside the test's line in which noise is looked at."""
 
@@ -86,8 +85,8 @@ def reduce_test(
     grid = grid_of(run_id, samples)
     session = session_of(run_id, conditions, orbit_period_s, grid.step_s)
     orbits = grid.duration_s / orbit_period_s
-    if orbits < FEWEST_ORBITS:
-        raise DataError(f"run {run_id}: {orbits:.3g} orbits are too short; record at least {FEWEST_ORBITS:g}")
+    if orbits < (least := fewest_orbits(session.name)):
+        raise DataError(f"run {run_id}: {orbits:.3g} orbits are too short; record at least {least:g}")
     present = grid.present & np.all([np.isfinite(grid.columns[name]) for name in GRAVITY], axis=0)
     if np.count_nonzero(taper(present, grid.step_s)) < FEWEST_SAMPLES * len(present):
         raise DataError(f"run {run_id}: {100.0 * np.mean(present):.0f} % of the samples are there, too few")

@@ -17,10 +17,11 @@ from rigctl.experiments.inflight.observe.grid import Grid, grid_of, thinned, thi
 from rigctl.experiments.inflight.observe.series import Amplitudes, raw_series, stretch_amplitudes
 from rigctl.experiments.inflight.observe.sessions import (
     DRIFT,
-    FEWEST_ORBITS,
+    HALVES,
     STIMULUS,
     Line,
     Session,
+    fewest_orbits,
     session_of,
 )
 from rigctl.experiments.inflight.observe.waves import templates
@@ -81,7 +82,6 @@ def _without_lines(grid: Grid, left: FloatArray, lines_hz: list[float]) -> Float
     return np.asarray(left - design.T @ fitted)
 
 
-HALVES = 2
 _REMARKED, _WHOLE = 1e-4, 1e-6
 
 
@@ -133,10 +133,9 @@ def reduce_run(
     grid = grid_of(run_id, samples)
     session = session_of(run_id, conditions, orbit_period_s, grid.step_s)
     orbits = grid.duration_s / orbit_period_s
-    if orbits < HALVES * FEWEST_ORBITS:
+    if orbits < (least := fewest_orbits(session.name)):
         raise DataError(
-            f"run {run_id}: {orbits:.3g} orbits are too short to tell its lines apart; "
-            f"record at least {HALVES * FEWEST_ORBITS:g}"
+            f"run {run_id}: {orbits:.3g} orbits are too short to tell its lines apart; record at least {least:g}"
         )
     if session.frequency_hz >= 0.4 / grid.step_s:
         raise DataError(

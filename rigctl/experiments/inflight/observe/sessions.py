@@ -46,6 +46,17 @@ QUADRATIC = ("k2c_1", "k2c_2")
 FEWEST_ORBITS = 3.0
 """The least length of a stretch: shorter ones do not resolve the lines beside the stimulus."""
 
+HALVES = 2
+"""A calibration's runs are also looked at in so many stretches."""
+
+FEWEST_TEST_ORBITS = 8.0
+"""The least length of a session of the test itself."""
+
+
+def fewest_orbits(name: str) -> float:
+    """How long a session has to be for its run to be used."""
+    return FEWEST_TEST_ORBITS if name in EQUIVALENCE else HALVES * FEWEST_ORBITS
+
 
 @dataclass(frozen=True)
 class Line:
