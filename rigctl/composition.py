@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+from rigctl.campaign.store.place import can_be_written
 from rigctl.campaign.store.store import Store
 from rigctl.core.experiments import experiment_named
 from rigctl.effects.plugins import Plugin
@@ -22,10 +23,14 @@ def workbench_of(store: Store, plugins: Sequence[Path] = ()) -> Workbench:
 
 @contextmanager
 def opened_workbench(
-    store: Path | str, plugins: Sequence[Path | str] = (), *, readonly: bool = False
+    store: Path | str, plugins: Sequence[Path | str] = (), *, readonly: bool | None = None
 ) -> Iterator[Workbench]:
-    """The workbench of the store at a path, which is closed at the end."""
-    with Store.open(Path(store), readonly=readonly) as opened:
+    """The workbench of the store at a path, which is closed at the end.
+
+    By default it keeps what it works out where the store can be written; `readonly` False is for who changes it.
+    """
+    path = Path(store)
+    with Store.open(path, readonly=not can_be_written(path) if readonly is None else readonly) as opened:
         yield workbench_of(opened, tuple(map(Path, plugins)))
 
 

@@ -132,13 +132,13 @@ class Campaign:
     @staticmethod
     def add(store: Path | str, *effects: str, plugins: Sequence[Path | str] = ()) -> list[ModelVersion]:
         """Add effects to a store's model, one new version each."""
-        with opened_workbench(store, plugins) as workbench:
+        with opened_workbench(store, plugins, readonly=False) as workbench:
             return workbench.add(effects)
 
     @staticmethod
     def remove(store: Path | str, *effects: str) -> list[ModelVersion]:
         """Take effects out of a store's model, one new version each."""
-        with opened_workbench(store) as workbench:
+        with opened_workbench(store, readonly=False) as workbench:
             return workbench.remove(effects)
 
     @staticmethod

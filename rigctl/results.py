@@ -21,7 +21,7 @@ from rigctl.workbench.workbench import Workbench
 def of(path: Path, plugins: Sequence[Path] = (), *, keep: bool = False) -> dict[str, Any]:
     """The keys of `rigctl result --json`; `keep` what samples are reduced to and searched for, which is asked next.
     `DataError`, `ProcedureError`."""
-    with opened_workbench(path, plugins, readonly=not keep) as workbench:
+    with opened_workbench(path, plugins, readonly=None if keep else True) as workbench:
         document = of_workbench(workbench)
         if keep and workbench.store.runs(valid_only=True) and isinstance(workbench.study, SearchesSamples):
             with suppress(*UNFIT):  # the result stands; whoever asks for more is told why not

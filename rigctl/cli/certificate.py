@@ -46,7 +46,7 @@ def certificate(
     """Write a calibration certificate: result, uncertainty, conformity, and a hash over what they rest on."""
     issue.form_of(out)
     given = read_details(details) if details else CertificateDetails()
-    with opened_workbench(store, plugin or ()) as workbench:
+    with opened_workbench(store, plugin or (), readonly=False) as workbench:
         made = certificate_of(workbench, given, utc_now(), unfinished=unfinished, tell=tell)
         issue.write(made, out)
         # Who looks at the store later knows of which item it is: no certificate need be at hand.

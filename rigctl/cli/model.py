@@ -37,7 +37,7 @@ def history(store: StoreFile, plugin: Plugins = None, as_json: Json = False) -> 
 @app.command()
 def add(store: StoreFile, effect: Effects, plugin: Plugins = None, as_json: Json = False) -> None:
     """Add effects: one new version each."""
-    with opened_workbench(store, plugin or ()) as workbench:
+    with opened_workbench(store, plugin or (), readonly=False) as workbench:
         _print_versions([each.as_json() for each in workbench.add(effect)], as_json=as_json)
 
 

@@ -3,6 +3,7 @@
     RigError
     ├── ConfigError            a file an operator wrote: names file, key and mend
     ├── DataError              a recording or a store: names file, line and mend
+    │   └── StorageError       nothing is wrong with it, but the disk is full, for reading only, or fails
     ├── DamagedStore           what is stored is not what was written: names the part and the mend
     ├── LinkError              the wire
     │   ├── LinkTimeout        nothing (or not all) came back in time
@@ -42,6 +43,10 @@ class ConfigError(RigError):
 
 class DataError(RigError):
     """A recording or a store is wrong; the message names file, line and mend."""
+
+
+class StorageError(DataError):
+    """The disk does not take or give what is asked of it; the message names the file and the mend."""
 
 
 class DamagedStore(RigError):
@@ -147,6 +152,11 @@ class Aborted(RigError):
 
 UNFIT = (ConfigError, DataError, ProcedureError)
 """Raised where data and model do not go together: who tries several goes on to the next. Damage is not in it."""
+
+
+def refuses_input(error: RigError) -> bool:
+    """Whether it says that what was given is wrong, rather than that the work failed."""
+    return isinstance(error, ConfigError | DataError | LimitError) and not isinstance(error, StorageError)
 
 
 def one_line(text: str) -> str:

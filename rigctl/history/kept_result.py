@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,7 +102,7 @@ def kept_result(store: Store) -> KeptResult | None:
 
 def worked_out(path: Path, plugins: Sequence[Path]) -> KeptResult:
     """The result of a store by a fit, kept in it where it can be written; `DataError`, `ProcedureError`."""
-    with opened_workbench(path, plugins, readonly=not _writable(path)) as workbench:
+    with opened_workbench(path, plugins, readonly=None if _is_current(path) else True) as workbench:
         store = workbench.store
         # Before the fit, which may add documents of its own.
         key = _key(store)
@@ -112,11 +111,10 @@ def worked_out(path: Path, plugins: Sequence[Path]) -> KeptResult:
         return result
 
 
-def _writable(path: Path) -> bool:
+def _is_current(path: Path) -> bool:
     """Whether a result may be kept: never where that would bring an archive's file to another schema."""
     with Store.open(path, readonly=True) as store:
-        current = store.has_checksums
-    return current and os.access(path, os.W_OK) and os.access(path.parent, os.W_OK)
+        return store.has_checksums
 
 
 def _key(store: Store) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -99,10 +98,9 @@ class Workbench:
         chosen = version or self.current
         kept = versions.kept_comparison(self.store, self.plugin_files, chosen)
         found = compared(self.attempt(chosen), self.account(), chosen.version, kept)
-        with suppress(DataError):  # a disk that is full: the numbers are as good
-            if kept is None and not self.store.readonly:
-                versions.keep_comparison(self.store, self.plugin_files, chosen, found.as_json())
-            self._keep_account()
+        if kept is None:
+            versions.keep_comparison(self.store, self.plugin_files, chosen, found.as_json())
+        self._keep_account()
         return found
 
     def comparison(self) -> dict[str, Any]:
@@ -121,7 +119,7 @@ class Workbench:
         if kept is None:
             return self.diagnose(alpha, progress).as_json()
         # What is added next starts from what was said last.
-        if kept != versions.last_diagnosis(self.store) and not self.store.readonly:
+        if kept != versions.last_diagnosis(self.store):
             versions.keep_diagnosis(self.store, self.plugin_files, version, alpha, kept)
         return kept
 
@@ -235,7 +233,7 @@ class Workbench:
 
     def _keep_account(self) -> None:
         terms = [each.terms for each in self._usable_versions()]
-        if not self.store.readonly and versions.kept_account(self.store, self.plugin_files, terms) is None:
+        if versions.kept_account(self.store, self.plugin_files, terms) is None:
             versions.keep_account(self.store, self.plugin_files, terms, self.account().as_document())
 
     @property

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import resource
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import cache
 from pathlib import Path
 
-from rigctl.campaign.store import ledger
-from rigctl.core.errors import DamagedStore, DataError
+from rigctl.campaign.store import ledger, place
+from rigctl.core.errors import DamagedStore, DataError, StorageError
 
 # "rigc" in ASCII: SQLite keeps this number in the file's header for programs to know their own.
 APPLICATION_ID = 0x72696763
@@ -123,7 +124,7 @@ def _as_data_error(path: Path, error: sqlite3.DatabaseError) -> DataError | Dama
     if isinstance(error, sqlite3.OperationalError):
         if any(sign in str(error) for sign in _SIGNS_OF_DAMAGE):
             return _damaged(path, str(error))
-        return DataError(_operational(path, str(error)))
+        return StorageError(f"{path}: {_operational(path, error)}")
     if isinstance(error, sqlite3.IntegrityError):
         return DataError(f"{path}: two programs write the same run ({error}); stop one of them")
     if error.sqlite_errorcode == sqlite3.SQLITE_NOTADB:
@@ -144,20 +145,30 @@ def _no_store(path: Path) -> str:
     )
 
 
-def _operational(path: Path, text: str) -> str:
+def _operational(path: Path, error: sqlite3.OperationalError) -> str:
+    text, code = str(error), error.sqlite_errorcode & 0xFF
     if "locked" in text or "busy" in text:
-        return f"{path}: another program has been writing for {BUSY_TIMEOUT_S:g} s; try again when it is done"
-    if "readonly" in text:
-        return f"{path}: opened for reading only; check the file's permissions"
-    if "full" in text:
-        return f"{path}: the disk is full; free some space, then `rigctl resume`"
-    return f"{path}: the store cannot be used ({text}); check the disk and the file's permissions"
+        return f"another program has been writing for {BUSY_TIMEOUT_S:g} s; try again when it is done"
+    if code == sqlite3.SQLITE_READONLY or (code == sqlite3.SQLITE_CANTOPEN and not place.can_be_written(path)):
+        return place.READ_ONLY
+    if code == sqlite3.SQLITE_FULL:
+        return "the disk is full; free some space, then `rigctl resume`"
+    # SQLite keeps the system's own word for it to itself; its own name says at least at what.
+    if code == sqlite3.SQLITE_IOERR:
+        return f"the store cannot be used ({text}, {error.sqlite_errorname}); check the disk{_limit()}"
+    return f"the store cannot be used ({text}); check the disk and the file's permissions"
 
 
-def connect(path: Path, *, readonly: bool) -> sqlite3.Connection:
-    """Open the SQLite file at `path`, which exists; no implicit transactions."""
+def _limit() -> str:
+    """What to check as well where this process may not write files of any size."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return "" if limit == resource.RLIM_INFINITY else f", and the limit of {limit} bytes for a file (`ulimit -f`)"
+
+
+def connect(path: Path, *, readonly: bool, archived: bool = False) -> sqlite3.Connection:
+    """Open the SQLite file at `path`, which exists; no implicit transactions. `archived`: it does not change."""
     # `rw`, without `c`: a file that is not there is not made.
-    uri = f"{path.resolve().as_uri()}?mode={'ro' if readonly else 'rw'}"
+    uri = f"{path.resolve().as_uri()}?mode={'ro' if readonly else 'rw'}{'&immutable=1' if archived else ''}"
     with database_errors(path):
         # Python's own transactions begin deferred and at moments of its choosing.
         return sqlite3.connect(uri, uri=True, timeout=BUSY_TIMEOUT_S, isolation_level=None)

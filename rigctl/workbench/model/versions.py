@@ -13,6 +13,7 @@ import itertools
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from typing import Any
 from rigctl.campaign.store.entries import Document
 from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.store import Store
-from rigctl.core.errors import ConfigError
+from rigctl.core.errors import ConfigError, StorageError
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.workbench.study import Term
 
@@ -253,9 +254,16 @@ def _code() -> str:
     return digest.hexdigest()
 
 
+def _keep_if_possible(store: Store, kind: str, data: Mapping[str, Any]) -> None:
+    """Keep what can be worked out again: a store that is only read, or a disk that is full, takes nothing from it."""
+    if not store.readonly:
+        with suppress(StorageError):
+            store.add_document(kind, data)
+
+
 def keep_fit(store: Store, plugins: Sequence[PluginFile], version: ModelVersion, fit: Mapping[str, Any]) -> None:
     """Keep a version's fit to the runs that are valid now."""
-    store.add_document(FIT, {"version": version.version, "data": data_key(store, plugins), "fit": fit})
+    _keep_if_possible(store, FIT, {"version": version.version, "data": data_key(store, plugins), "fit": fit})
 
 
 def kept_fit(store: Store, plugins: Sequence[PluginFile], version: ModelVersion) -> dict[str, Any] | None:
@@ -268,7 +276,7 @@ def keep_comparison(
 ) -> None:
     """Keep how a version stands beside the runs that are valid now."""
     key = {"version": version.version, "data": data_key(store, plugins)}
-    store.add_document(COMPARISON, {**key, "comparison": comparison})
+    _keep_if_possible(store, COMPARISON, {**key, "comparison": comparison})
 
 
 def kept_comparison(store: Store, plugins: Sequence[PluginFile], version: ModelVersion) -> dict[str, Any] | None:
@@ -280,7 +288,7 @@ def keep_account(
     store: Store, plugins: Sequence[PluginFile], models: Sequence[Sequence[Term]], account: Mapping[str, Any]
 ) -> None:
     """Keep what the noise of the runs that are valid now was estimated with, given these models."""
-    store.add_document(ACCOUNT, {"data": _data_key(store, plugins, models), "account": account})
+    _keep_if_possible(store, ACCOUNT, {"data": _data_key(store, plugins, models), "account": account})
 
 
 def kept_account(
@@ -296,7 +304,7 @@ def keep_diagnosis(
 ) -> None:
     """Keep a diagnosis of the runs that are valid now, which has asked the effects of these files too."""
     key = {"version": version.version, "data": data_key(store, plugins), "alpha": alpha}
-    store.add_document(DIAGNOSIS, {**key, "diagnosis": diagnosis})
+    _keep_if_possible(store, DIAGNOSIS, {**key, "diagnosis": diagnosis})
 
 
 def kept_diagnosis(
