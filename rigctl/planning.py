@@ -12,6 +12,7 @@ from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
 from rigctl.core.toml import to_toml
+from rigctl.core.whole_file import writing
 from rigctl.files.campaign_file import CampaignFile, parse_campaign
 from rigctl.workbench.next.recommendation import Recommendation
 from rigctl.workbench.study import Proposal
@@ -34,7 +35,9 @@ def write_next(workbench: Workbench, path: Path, tell: Callable[[str], None]) ->
     if not found.runs:
         raise DataError(f"{workbench.store.path}: there is nothing to write: {found.words}")
     title, effects = f"Next: {found.purpose}", workbench.current.effects
-    path.write_text(campaign_text(workbench.store, found.runs, title, path, effects), encoding="utf-8")
+    text = campaign_text(workbench.store, found.runs, title, path, effects)
+    with writing(path):
+        path.write_text(text, encoding="utf-8")
     return found
 
 

@@ -26,7 +26,8 @@ from rigctl.campaign.store.parts import PLUGINS, Part, Plugins, begin_part, next
 from rigctl.campaign.store.store import Store
 from rigctl.charge import in_charge
 from rigctl.check.required import clearance_of, informed
-from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
+from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, ProcedureError, RigError, refuses_input
+from rigctl.core.whole_file import writing
 from rigctl.core.workers import Workers
 from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
@@ -234,6 +235,9 @@ def _carry_out(store: Store, rig: Rig, work: Work, control: Control, options: Op
             raise Aborted(control.reason) from error
         progress.state("aborted" if isinstance(error, Aborted) else "interrupted")
         session.event("failed", error=str(error))
+        if refuses_input(error):
+            # What was asked for was checked before: from here on it is the work that fails.
+            raise ProcedureError(str(error)) from error
         raise
     # Also what is no error of ours: the store must say that the campaign did not end by itself.
     except BaseException:
@@ -254,7 +258,9 @@ def _operator(store: Store, rig: Rig, control: Control, options: Options) -> Ope
 def _write_truth(rig_file: RigFile, store_path: Path) -> None:
     world = only_tables(rig_file.text, "world")
     if world:
-        truth_path(store_path).write_text(world, encoding="utf-8")
+        truth = truth_path(store_path)
+        with writing(truth):
+            truth.write_text(world, encoding="utf-8")
 
 
 def header_of(campaign: CampaignFile, rig: Rig, options: Options, kept: Mapping[str, Any]) -> Header:

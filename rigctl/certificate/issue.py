@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from rigctl.certificate.content import FORMAT, Certificate
 from rigctl.certificate.dcc import document
 from rigctl.certificate.sections import Content
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
+from rigctl.core.whole_file import writing
 
 
 class NotVerified(ProcedureError):
@@ -58,12 +60,12 @@ def write(certificate: Certificate, out: Path) -> None:
     data = sealed.sealed(FORMS[form_of(out)](certificate.content))
     partial = out.with_name(f".{out.name}.{os.getpid()}")
     try:
-        partial.write_bytes(data)
-        partial.replace(out)
-    except OSError as error:
-        raise DataError(f"{out}: cannot be written: {error.strerror or error}; check the directory") from error
+        with writing(out):
+            partial.write_bytes(data)
+            partial.replace(out)
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):  # it has its name, or its medium takes nothing
+            partial.unlink()
 
 
 def read(path: Path) -> Issued:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from rigctl.core.bounds import KEY_BYTES, read_regular
 from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.whole_file import writing
 
 FORMAT = "rigctl-signature 1"
 _FIELDS = ("format", "sha256", "algorithm", "public_key", "x509", "name", "time", "signature")
@@ -74,13 +75,12 @@ def beside(path: Path) -> Path:
 
 def write(made: Signature, path: Path) -> None:
     """Write a signature to a new file; `ConfigError` where there is one, `DataError` where it cannot be written."""
-    try:
-        with path.open("xb") as file:
-            file.write(made.data)
-    except FileExistsError:
-        raise ConfigError(f"{path}: there already; move it away to sign anew") from None
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written: {error.strerror or error}; check the directory") from error
+    with writing(path):
+        try:
+            with path.open("xb") as file:
+                file.write(made.data)
+        except FileExistsError:
+            raise ConfigError(f"{path}: there already; move it away to sign anew") from None
 
 
 def read(path: Path) -> Signature:

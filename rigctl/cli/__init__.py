@@ -12,7 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
+from rigctl.core.errors import Aborted, RigError, refuses_input
+from rigctl.core.whole_file import mend_of
 from rigctl.report.plain_signs import on_standard_streams
 
 # The matrices here are small: a second thread only waits, and the other core belongs to the console.
@@ -62,7 +63,8 @@ def _main() -> None:
         # Whoever read has gone; closed, the interpreter cannot complain of it a second time at its end.
         sys.stderr.close()
     except OSError as error:
-        _fail(f"{error.filename or 'rigctl'}: {error.strerror or error}; check the path and its permissions", 1)
+        mend = mend_of(error, "check the path and its permissions")
+        _fail(f"{error.filename or 'rigctl'}: {error.strerror or error}; {mend}", 1)
     # The last resort: no traceback reaches a user.
     except Exception as error:
         if TRACEBACK in os.environ:
@@ -107,7 +109,7 @@ def _command(arguments: list[str]) -> None:
 def _status(error: RigError) -> int:
     if isinstance(error, Aborted):
         return 130
-    return 2 if isinstance(error, ConfigError | DataError | LimitError) else 1
+    return 2 if refuses_input(error) else 1
 
 
 def _fail(message: str, status: int) -> NoReturn:

@@ -26,7 +26,7 @@ from rigctl.cli.io import (
     workers_of,
 )
 from rigctl.cli.steering import ask
-from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError
+from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError, StorageError
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.report.progress_bar import ProgressBar
@@ -120,6 +120,8 @@ def resume(
 def _show_outcome(store: Path, plugins: tuple[Path, ...], *, as_json: bool) -> None:
     try:
         document = results.of(store, plugins, keep=True)
+    except StorageError:
+        raise
     except (ProcedureError, DataError) as error:  # what was measured need not determine a model, or tell its noise
         tell(f"{store}: no result yet: {error}")
         if as_json:

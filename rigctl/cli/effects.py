@@ -13,6 +13,7 @@ from rigctl.cli.io import Json, Plugins, print_json, say, tell
 from rigctl.core.additions import EFFECTS
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.core.experiments import EXPERIMENTS, REGISTRY
+from rigctl.core.whole_file import writing
 from rigctl.effects.catalogue import Effect, catalogue, experiment_of, unknown_effect
 from rigctl.effects.plugins import load
 from rigctl.effects.trial import columns_of
@@ -114,4 +115,6 @@ def _draw(effect: Effect, path: Path) -> None:
             f"'{effect.id}' has no figure: no signature is drawn for effects of {experiment.id}; "
             "`rigctl report` draws what is left in a store's runs with and without it"
         )
-    path.write_text(experiment.load(experiment.signature)(effect).svg, encoding="utf-8")
+    svg = experiment.load(experiment.signature)(effect).svg
+    with writing(path):
+        path.write_text(svg, encoding="utf-8")

@@ -9,6 +9,7 @@ import typer
 
 from rigctl.cli.io import Json, Plugins, StoreFile, number, print_json, tell
 from rigctl.composition import opened_workbench
+from rigctl.core.whole_file import writing
 from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_fit
 
 app = typer.Typer()
@@ -53,7 +54,9 @@ def diagnose(
             from rigctl.workbench.draft import drafted  # scipy, which only a draft needs here
 
             diagnosis = workbench.diagnose(alpha, tell)
-            draft.write_text(drafted(workbench, diagnosis), encoding="utf-8")
+            text = drafted(workbench, diagnosis)
+            with writing(draft):
+                draft.write_text(text, encoding="utf-8")
             tell(f"written: {draft}; name the physics in it, then `rigctl diagnose {store} --plugin {draft}`")
             document = diagnosis.as_json()
     document["model"]["version"] = version.version

@@ -17,6 +17,7 @@ from rigctl.certificate.content import certificate_of
 from rigctl.composition import opened_workbench
 from rigctl.core.clock import utc_now
 from rigctl.core.errors import ConfigError
+from rigctl.core.whole_file import writing
 from rigctl.effects.plugins import load
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.certificate_file import CertificateDetails
@@ -159,7 +160,9 @@ def _write_campaign(workbench: Workbench, path: Path) -> None:
 
 
 def _write_draft(workbench: Workbench, path: Path) -> None:
-    path.write_text(drafted(workbench, workbench.diagnose()), encoding="utf-8")
+    text = drafted(workbench, workbench.diagnose())
+    with writing(path):
+        path.write_text(text, encoding="utf-8")
 
 
 _WRITTEN: Mapping[str, Callable[[Workbench, Path], object]] = {
@@ -184,11 +187,11 @@ def _nobody(line: str) -> None:
 
 def add(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Json]:
     """`rigctl model add`."""
-    with opened_workbench(store, plugins) as workbench:
+    with opened_workbench(store, plugins, readonly=False) as workbench:
         return [version.as_json() for version in workbench.add(effects)]
 
 
 def remove(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Json]:
     """`rigctl model remove`."""
-    with opened_workbench(store, plugins) as workbench:
+    with opened_workbench(store, plugins, readonly=False) as workbench:
         return [version.as_json() for version in workbench.remove(effects)]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from rigctl.core.errors import DataError
+from rigctl.core.whole_file import writing
 from rigctl.report.figures.data import Plate
 from rigctl.report.tables.result_table import ResultTable
 
@@ -67,12 +69,12 @@ def write_page(out: Path, text: str) -> None:
     # Beside the page, so that the replacement is one step of one file system.
     partial = out.with_name(f".{out.name}.{os.getpid()}")
     try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(out)
-    except OSError as error:
-        raise DataError(f"{out}: cannot be written: {error.strerror or error}; check the directory") from error
+        with writing(out):
+            partial.write_text(text, encoding="utf-8")
+            partial.replace(out)
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):  # it has its name, or its medium takes nothing
+            partial.unlink()
 
 
 def heading(text: str, level: int = 2) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -59,7 +60,8 @@ def import_bundle(path: Path, store_path: Path, constants: TableConstants | None
     # Ctrl-C too: whatever ends an import must not leave part of a store.
     except BaseException:
         for suffix in ("", "-wal", "-shm", synced.SUFFIX):
-            partial.with_name(partial.name + suffix).unlink(missing_ok=True)
+            with suppress(OSError):  # not there, or on a medium that takes nothing
+                partial.with_name(partial.name + suffix).unlink()
         raise
     return Store.open(store_path)
 

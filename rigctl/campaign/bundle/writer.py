@@ -30,6 +30,7 @@ from rigctl.campaign.recording import (
 )
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
+from rigctl.core.whole_file import writing
 
 LONG_RUN_VALUES = 1_000_000
 """A run with more numbers than this is written as .npz: a spreadsheet could not open it anyway."""
@@ -42,16 +43,15 @@ def whole_directory(directory: Path) -> Iterator[Path]:
     """A directory to write in that takes its name only when all is written; `DataError` if the name is in use."""
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise DataError(f"{directory}: exists and is not an empty directory; name another")
-    try:
+    with writing(directory, "cannot be made", "name another place"):
         directory.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
-    except OSError as error:
-        raise DataError(f"{directory}: cannot be made ({error.strerror}); name another place") from error
     try:
-        yield partial
-        # mkdtemp makes directories that only their owner can read.
-        partial.chmod(0o755)
-        partial.replace(directory)
+        with writing(directory, mend="name another place"):
+            yield partial
+            # mkdtemp makes directories that only their owner can read.
+            partial.chmod(0o755)
+            partial.replace(directory)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise

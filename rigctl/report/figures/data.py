@@ -10,7 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from rigctl.core.errors import DataError
+from rigctl.core.whole_file import writing
 from rigctl.report.chart.figure import Figure
 from rigctl.report.figures import from_matplotlib
 
@@ -73,13 +73,11 @@ def _write_csv(path: Path, rows: Sequence[object]) -> None:
 
 def write_plates(plates: Sequence[Plate[Any]], left_out: Mapping[str, str], directory: Path) -> list[Path]:
     """Write figures and their captions; returns all paths, the captions last; `DataError` when it cannot be done."""
-    try:
+    with writing(directory, "cannot write the figures there"):
         directory.mkdir(parents=True, exist_ok=True)
         written = [path for plate in plates for path in plate.write(directory)]
         captions = directory / CAPTIONS
         captions.write_text(_captions(plates, left_out), encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"{directory}: cannot write the figures there: {error.strerror or error}") from error
     return [*written, captions]
 
 
