@@ -22,6 +22,7 @@ from rigctl.campaign.session.operator import Operator, TerminalOperator, TypedLi
 from rigctl.campaign.session.progress import Display, Progress
 from rigctl.campaign.session.questions import Questions
 from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.entries import RESUMED
 from rigctl.campaign.store.parts import PLUGINS, Part, Plugins, begin_part, next_part, parts_of
 from rigctl.campaign.store.store import Store
 from rigctl.charge import in_charge
@@ -129,7 +130,7 @@ def resume(store_path: Path, options: Options) -> None:
         # Also the plug-ins the campaign was begun with: without them its model is another.
         plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins), options.workers)
         with _reopened(store, plan, campaign, part, options) as (rig, work, control, _):
-            store.add_event("resumed", {"after": store.status().get("state", "")}, rig_time.latest_s(store))
+            store.add_event(RESUMED, {"after": store.status().get("state", "")}, rig_time.latest_s(store))
             _carry_out(store, rig, work, control, options, part)
 
 

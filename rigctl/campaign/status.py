@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.session.heartbeat import beat_age_s
 from rigctl.campaign.session.locks import is_held, store_lock
+from rigctl.campaign.session.questions import open_question
 from rigctl.campaign.store.entries import IMPORTED, RUN_REPEATED
 from rigctl.campaign.store.store import Store
 
@@ -31,6 +33,7 @@ def status_in(store: Store) -> dict[str, Any]:
     killed = status["state"] in {"running", "paused"} and not alive
     if killed:
         status["state"] = "interrupted"
+    asked = open_question(store) if alive else None
     # Of a table rows are marked in the file: there, it is one run.
     imported = None if store.header.table is None else store.last_event(IMPORTED)
     of_table = {} if imported is None else {"readings_invalid": len(imported.data["invalid"])}
@@ -46,6 +49,8 @@ def status_in(store: Store) -> dict[str, Any]:
         "runs_repeated": repeats_in(store),
         "killed": killed,
         "heartbeat_age_s": beat_age_s(store.path) if alive else None,
+        # Of a campaign that has ended nobody waits for the answer.
+        "question": asdict(asked) | {"choices": asked.choices} if asked is not None else None,
     }
 
 

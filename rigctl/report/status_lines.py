@@ -19,9 +19,15 @@ def repeats_line(repeated: Mapping[str, int]) -> str:
 
 
 def status_lines(status: Mapping[str, Any]) -> list[str]:
-    """A campaign's status in two lines; more when runs were repeated, or readings of a table are marked invalid."""
+    """A campaign's status in two lines; more for what it asks, what is wrong, what was repeated or left out."""
     runs = f"{status['runs_done']} of {status['runs_planned']} runs ({status['runs_invalid']} invalid)"
-    lines = [", ".join(filter(None, [f"{status['state']}: {runs}", time_left(status)]))]
+    asked = status.get("question")
+    # While it waits for a person nobody knows how long that takes.
+    left = "" if asked else time_left(status)
+    lines = [", ".join(filter(None, [f"{status['state']}: {runs}", left]))]
+    if asked:
+        words = "|".join(asked["choices"])
+        lines.append(f"WAITS FOR YOU: {asked['text'].strip()} Or from here: `rigctl answer STORE {words}`")
     age_s = status.get("heartbeat_age_s")
     if age_s is not None and age_s > STALLED_S:
         lines.append(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session.operator import TerminalOperator, TypedLines
 from rigctl.campaign.session.questions import Questions, answer, open_question
+from rigctl.campaign.status import status_of
+from rigctl.campaign.store.entries import RESUMED
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
 
@@ -52,6 +56,38 @@ def test_only_the_words_of_a_question_answer_it(store: Store) -> None:
     with pytest.raises(DataError, match="'done' is no answer; one of yes, no"):
         answer(store, question.number, "done")
     answer(store, question.number, "no")
+
+
+def test_a_campaign_that_is_resumed_does_not_wait_for_what_was_asked_before(store: Store) -> None:
+    Questions(store).post("Mount the package. Type 'done', or 'abort': ")
+    store.add_event(RESUMED, {"after": "running"})
+    assert open_question(store) is None
+    Questions(store).post("Is it still mounted? [y/n] ")
+    question = open_question(store)
+    assert question is not None
+    assert question.choices == ("yes", "no")
+
+
+def test_the_status_says_what_a_campaign_waits_for(desk: Any) -> None:
+    campaign = desk.process("run", "campaign.toml", "--store", desk.store, stdin=subprocess.PIPE)
+    found: dict[str, Any] = {}
+
+    def asked() -> bool:
+        if desk.store.exists():
+            found.update(status_of(desk.store))
+        return bool(found.get("question"))
+
+    desk.until(asked, campaign)
+    question = desk.rigctl("status", desk.store, "--json").json["question"]
+    assert question["text"].startswith("Mount the package for axis X in pendulum")
+    assert question["choices"] == ["done", "abort"]
+    said = desk.rigctl("status", desk.store).out
+    assert "WAITS FOR YOU: Mount the package for axis X in pendulum" in said
+    assert "`rigctl answer STORE done|abort`" in said
+    assert desk.rigctl("answer", desk.store, "abort").status == 0
+    # Its input stays open until it has ended: the end of it would be an answer too.
+    assert campaign.wait(60.0) == 130
+    assert desk.rigctl("status", desk.store, "--json").json["question"] is None
 
 
 def test_what_is_typed_at_the_terminal_is_kept_too(store: Store) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rigctl.campaign.store.entries import RESUMED
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
 
@@ -50,6 +51,10 @@ def open_question(store: Store) -> Question | None:
     """What the campaign of a store waits for; only a campaign that runs waits."""
     last = store.last_event(ASKED)
     if last is None or _answer_to(store, last.id) is not None:
+        return None
+    # Whoever goes on asks anew: a process that was killed while it waited hears no answer.
+    resumed = store.last_event(RESUMED)
+    if resumed is not None and resumed.id > last.id:
         return None
     return Question(last.id, str(last.data["text"]), last.time)
 
