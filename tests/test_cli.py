@@ -600,3 +600,9 @@ def test_it_says_which_it_is_and_without_words_what_it_can_do(desk: Any) -> None
     assert desk.rigctl("--version").out == f"rigctl {version('rigctl')}\n"
     helped = desk.rigctl()
     assert (helped.status, helped.out) == (0, desk.rigctl("--help").out)
+
+
+@pytest.mark.parametrize("seed", ["-1", "1.5", "1e99"])
+def test_a_seed_that_no_world_has_is_refused_before_anything_moves(desk: Any, seed: str) -> None:
+    desk.run("--seed", seed).refused(2, "--seed", seed)
+    assert desk.left == set()

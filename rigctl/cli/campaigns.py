@@ -41,7 +41,7 @@ def run(
     store: Annotated[
         Path | None, typer.Option(metavar="STORE", help="Where to keep everything; default NAME.rig.sqlite.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of a simulated world.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Seed of a simulated world.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
     dry: Annotated[bool, typer.Option("--dry-run", help="Check and tell what would be done.")] = False,
     unchecked: Unchecked = False,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Literal, TypeVar
@@ -184,6 +184,10 @@ class Fault:
     why: str
 
 
+_NUMBERS: Mapping[Literal["seed", "max-runs"], str] = {"seed": "seed", "max-runs": "most runs"}
+"""Entries that take a whole number, as a refusal calls them."""
+
+
 class StartDialog(Dialog[Launch]):
     """How a campaign is started; `fault` says what is wrong with a launch. The entry to change has the focus."""
 
@@ -207,17 +211,17 @@ class StartDialog(Dialog[Launch]):
             ("seed", "seed of a simulated world (empty: as its file says)", ""),
         )
         for name, label, value in entries:
-            yield from self._entry(name, label, str(value), r"\d*" if name == "seed" else None)
+            yield from self._entry(name, label, str(value))
         yield Tick("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
         yield Tick("investigate: diagnose, add what is found, measure what decides", compact=True, id="investigate")
-        yield from self._entry("max-runs", "at most so many runs of it (empty: those of a full scan)", "", r"\d*")
+        yield from self._entry("max-runs", "at most so many runs of it (empty: those of a full scan)", "")
         yield Static("", classes="refusal")
 
     @staticmethod
-    def _entry(name: str, label: str, value: str, restrict: str | None) -> ComposeResult:
+    def _entry(name: str, label: str, value: str) -> ComposeResult:
         yield Static(label)
         # Not selected: the first key would take the place of what stands there.
-        yield Input(value, compact=True, select_on_focus=False, id=name, restrict=restrict)
+        yield Input(value, compact=True, select_on_focus=False, id=name)
 
     def on_mount(self) -> None:
         """What is wrong from the start?"""
@@ -241,26 +245,34 @@ class StartDialog(Dialog[Launch]):
             self.dismiss(self._entered())
 
     def _judge(self) -> Fault | None:
-        fault = self._fault(self._entered())
+        fault = self._fault(self._entered()) or self._no_number()
         self.query_one(".refusal", Static).update(Text(f"✗ {fault.why}" if fault else ""))
         return fault
 
+    def _text(self, name: str) -> str:
+        return self.query_one(f"#{name}", Input).value.strip()
+
+    def _number(self, name: str) -> int | None:
+        # Digits of other scripts are none here.
+        return int(self._text(name)) if self._text(name).isascii() and self._text(name).isdigit() else None
+
+    def _no_number(self) -> Fault | None:
+        """What was typed where a number belongs is kept as it is and refused, never read as another number."""
+        for name, label in _NUMBERS.items():
+            if self._text(name) and self._number(name) is None:
+                return Fault(name, f"{label}: '{self._text(name)}' is no whole number of 0 or more")
+        return None
+
     def _entered(self) -> Launch:
-        def text(name: str) -> str:
-            return self.query_one(f"#{name}", Input).value.strip()
-
-        def number(name: str) -> int | None:
-            # The entry lets digits of other scripts pass.
-            return int(text(name)) if text(name).isascii() and text(name).isdigit() else None
-
+        text = self._text
         return Launch(
             campaign=Path(text("campaign")),
             store=Path(text("store")),
             rig=Path(text("rig")) if text("rig") else None,
             unattended=self.query_one("#unattended", Tick).value,
             investigate=self.query_one("#investigate", Tick).value,
-            seed=number("seed"),
-            max_runs=number("max-runs"),
+            seed=self._number("seed"),
+            max_runs=self._number("max-runs"),
         )
 
 
