@@ -170,6 +170,25 @@ def test_what_was_open_and_how_it_looked_is_there_at_the_next_start(measured: Pa
     at_console(returns)
 
 
+def test_what_comes_while_the_log_is_not_shown_is_wrapped_to_the_width_it_is_then_seen_in(at_console: Any) -> None:
+    said = "the whole of what somebody has typed into this console, on one line of the log"
+
+    async def sitting(seat: Any) -> None:
+        await seat.press("5")
+        await seat.until(lambda: seat.app._panes.log.region.width)
+        await seat.press("2")
+        await seat.until(lambda: not seat.app._panes.log.region.width)
+        seat.app._panes.log.add("2026-11-29T17:00:00Z", "note", said)
+        await seat.press("5")
+        await seat.sees(said)
+        await seat.pilot.resize_terminal(90, 24)
+        await seat.until(lambda: said not in seat.text and "the whole of what" in seat.text)
+        await seat.pilot.resize_terminal(120, 40)
+        await seat.sees(said)
+
+    at_console(sitting, size=(120, 40))
+
+
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [

@@ -38,6 +38,8 @@ class LogPane(Vertical):
         self._earlier: list[LogLine] = []
         self._store: Path | None = None
         self._last_event = 0
+        self._unseen: list[LogLine] = []
+        self._width = 0
 
     def compose(self) -> ComposeResult:
         """Search on top, lines below."""
@@ -100,7 +102,25 @@ class LogPane(Vertical):
         self._lines.extend(lines)
         self._write(line for line in lines if self.search.finds(line))
 
+    def on_show(self) -> None:
+        """Another screen was shown before."""
+        self.call_after_refresh(self._fit)
+
+    def on_resize(self) -> None:
+        """The terminal has another size."""
+        self.call_after_refresh(self._fit)
+
+    def _fit(self) -> None:
+        """Write what came while nothing was seen; all of it anew where lines are wrapped to another width."""
+        width = self.query_one(RichLog).scrollable_content_region.width
+        if width and self._width and width != self._width:
+            self._rewrite()
+        elif width:
+            unseen, self._unseen = self._unseen, []
+            self._write(unseen)
+
     def _rewrite(self) -> None:
+        self._unseen = []
         self.query_one(RichLog).clear()
         lines = [*self._earlier, *(line for line in self._lines if self.search.finds(line))]
         self._write(lines)
@@ -110,9 +130,15 @@ class LogPane(Vertical):
         self.query_one("#log-line", Static).update(count)
 
     def _write(self, lines: Iterable[LogLine]) -> None:
-        shown = [_shown(line) for line in list(lines)[-SHOWN:]]
-        if shown:  # all at once: line by line it takes several times as long
-            self.query_one(RichLog).write(Text("\n").join(shown))
+        log, newest = self.query_one(RichLog), list(lines)[-SHOWN:]
+        width = log.scrollable_content_region.width
+        if not width:
+            # On another screen nobody knows yet to which width lines will be wrapped.
+            self._unseen = [*self._unseen, *newest][-SHOWN:]
+            return
+        self._width = width
+        if newest:  # all at once: line by line it takes several times as long
+            log.write(Text("\n").join(map(_shown, newest)), width=width)
 
 
 def _shown(line: LogLine) -> Text:
