@@ -209,6 +209,7 @@ class Console(Shell):
         if self._view is not None and self._view.path == message.store and message.status == 0:
             self._analyses.ask(message.store, "model", quiet=True)
         if message.status == -STOP_SIGNAL:
+            self._notes.forget()
             self._note("the campaign was stopped before it had begun", "warning")
         # 130 is an abort, which the operator has asked for.
         elif message.status not in {0, 130}:
@@ -235,6 +236,8 @@ class Console(Shell):
         for rest in sorted(message.rests, key=lambda rest: rest.confirmed):
             self._panes.log.add(utc_now(), "note" if rest.confirmed else "alarm", f"STOP: {rest}")
         names = ", ".join(rest.instrument for rest in message.rests if rest.confirmed)
+        # What came of it takes the place of whatever was told before, an error too: the log has that.
+        self._notes.forget()
         told = f"STOP: {len(unsafe)} NOT CONFIRMED at rest" if unsafe else f"STOP: confirmed at rest: {names}"
         self._note(told, "error" if unsafe else "warning")
 
@@ -251,7 +254,7 @@ class Console(Shell):
             held = self._campaigns.signal(view.path, STOP_SIGNAL) or held
             if view.alive:
                 # Three ways, as any one may be the only one open: its signal, its store, its instruments.
-                self._send("request", view.path, "stop")
+                self._send("stop", view.path)
             if view.alive or view.killed:
                 self._holding.stop_from_outside(view)
         self._act("STOP")

@@ -229,3 +229,30 @@ def test_the_last_line_of_a_campaign_is_its_own(tmp_path: Path) -> None:
     with log_of(store).open("a") as log:
         log.write("Séance: stopped\n")
     assert last_line(store, begun) == "Séance: stopped"
+
+
+def test_a_stop_of_a_campaign_that_has_just_ended_is_no_alarm(measured: Path, at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        # It was stopped by its signal; the store is asked next, in which nobody is at work any more.
+        seat.app._view = replace(seat.app._view, alive=True)
+        seat.app._campaigns.signal = lambda store, number: True
+        seat.app._holding.stop_from_outside = lambda view: None
+        await seat.press("f8", "5")
+        seat.app.on_campaign_ended(say.CampaignEnded(measured, -STOP_SIGNAL, ""))
+        await seat.sees("note          the campaign was stopped before it had begun")
+        assert "no campaign is running" not in seat.text
+        assert seat.app._alarms == 0
+
+    at_console(sitting, measured, size=(120, 24))
+
+
+def test_what_came_of_a_stop_takes_the_place_of_an_older_error(at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        seat.app._note("the disk was full", "error")
+        await seat.sees("✗ the disk was full")
+        seat.app.on_stopped(say.Stopped((Rest("rotation", True, 0.05),)))
+        await seat.sees("! STOP: confirmed at rest: rotation")
+        assert "✗ the disk was full" not in seat.text
+
+    at_console(sitting)

@@ -11,7 +11,7 @@ from rigctl.campaign.session.questions import Question, open_question
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import RigError
 
-Request = Literal["pause", "resume", "abort", "stop"]
+Request = Literal["pause", "resume", "abort"]
 
 
 def is_running(store: Path) -> bool:
@@ -20,11 +20,18 @@ def is_running(store: Path) -> bool:
 
 
 def request(store: Path, kind: Request) -> None:
-    """Ask a running campaign to pause, go on, abort, or abort because of a STOP; `RigError` when none runs."""
+    """Ask a running campaign to pause, go on or abort; `RigError` when none runs."""
     with Store.open(store) as opened:
         if not is_running(store):
             raise RigError(f"{store}: no campaign is running on it; `rigctl status` tells how it ended")
         opened.add_request(kind)
+
+
+def stop(store: Path) -> None:
+    """Ask a campaign to abort because of a STOP; one that has ended is stopped already. `DataError`."""
+    with Store.open(store) as opened:
+        if is_running(store):
+            opened.add_request("stop")
 
 
 def answer(store: Path, text: str, number: int | None = None) -> Question:
