@@ -55,8 +55,8 @@ def flaw_of_function(effect: Effect) -> str | None:
             return f"{how} it returns nan or inf in every run"
     if not np.array_equal(before, run.signal):
         return "it changes run.signal in place; return what is added instead"
-    twice = [np.asarray(_returned(effect, run, sizes), dtype=np.float64) for _ in range(2)]
-    if not np.array_equal(*twice, equal_nan=True):
+    once, again = (np.asarray(_returned(effect, run, sizes), dtype=np.float64) for _ in range(2))
+    if not np.array_equal(once, again, equal_nan=True):
         return "it returns other numbers when it is called again; leave chance, time and memory out of it"
     if np.any(np.abs(_returned(effect, run, absent)) > _NOTHING * np.abs(run.signal).max()):
         return "it adds something with its parameters at zero; choose parameters so that zero means absent"

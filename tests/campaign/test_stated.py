@@ -38,6 +38,12 @@ def test_a_bundle_states_what_the_rig_file_did(name):
     }
 
 
+def test_a_quantity_that_no_budget_knows_is_refused_as_in_a_rig_file():
+    text = 'format = 1\nexperiment = "sensing-axis"\n[certificates.cube.uncertainty]\northogonality_arcmin = 1.0\n'
+    with pytest.raises(DataError, match="orthogonality_arcmin; known there: orthogonality_arcsec"):
+        read_header(Place("bundle/recording.toml"), text.encode())
+
+
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [

@@ -21,6 +21,7 @@ from rigctl.core.experiments import EXPERIMENTS, of_readings
 from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.core.toml import TomlFlaw, parsed, to_toml
 from rigctl.core.units import TILT_MAX_DEG, contradicts, flaw_of_constant, unit_of_column
+from rigctl.files.certified import misspelt
 from rigctl.files.item import Item
 
 # tomllib tells no position of a value, so keys are looked for in the text once an error needs its line.
@@ -103,9 +104,11 @@ def read_header(place: Place, data: bytes) -> Header:
         extra=extra,
     )
     try:
-        uncertainties_of(header)
+        stated = uncertainties_of(header)
     except StatedFlaw as flaw:
         raise document.error(flaw.keys, flaw.said) from flaw
+    if said := next(misspelt(stated, header.lasers), None):
+        raise place.error(said)
     return header
 
 
