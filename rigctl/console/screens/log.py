@@ -112,12 +112,18 @@ class LogPane(Vertical):
 
     def _fit(self) -> None:
         """Write what came while nothing was seen; all of it anew where lines are wrapped to another width."""
-        width = self.query_one(RichLog).scrollable_content_region.width
+        width = self._seen_width()
         if width and self._width and width != self._width:
             self._rewrite()
         elif width:
             unseen, self._unseen = self._unseen, []
             self._write(unseen)
+
+    def _seen_width(self) -> int:
+        """To which lines are wrapped; 0 while another screen is shown."""
+        log = self.query_one(RichLog)
+        # Its scrollbar is always there, but not yet when the screen has just been shown.
+        return max(log.region.width - log.styles.gutter.width - log.styles.scrollbar_size_vertical, 0)
 
     def _rewrite(self) -> None:
         self._unseen = []
@@ -130,15 +136,14 @@ class LogPane(Vertical):
         self.query_one("#log-line", Static).update(count)
 
     def _write(self, lines: Iterable[LogLine]) -> None:
-        log, newest = self.query_one(RichLog), list(lines)[-SHOWN:]
-        width = log.scrollable_content_region.width
+        newest, width = list(lines)[-SHOWN:], self._seen_width()
         if not width:
             # On another screen nobody knows yet to which width lines will be wrapped.
             self._unseen = [*self._unseen, *newest][-SHOWN:]
             return
         self._width = width
         if newest:  # all at once: line by line it takes several times as long
-            log.write(Text("\n").join(map(_shown, newest)), width=width)
+            self.query_one(RichLog).write(Text("\n").join(map(_shown, newest)), width=width)
 
 
 def _shown(line: LogLine) -> Text:
