@@ -27,10 +27,12 @@ _TIME_IN = {1e3: "ms", 1e6: "us", 1e9: "ns", 1e-3: "ks", 1e-6: "Ms", 1e-9: "Gs"}
 
 @dataclass(frozen=True)
 class UnitFindings:
-    """`slip`: a column that is not in its unit, and the mend; `remarks`: what differs otherwise."""
+    """`slip`: a column that is not in its unit, and the mend; `contradiction`: why the samples are not those that the
+    row describes, for which the run is invalid; `remarks`: what differs otherwise."""
 
     slip: str | None = None
     remarks: tuple[str, ...] = ()
+    contradiction: str | None = None
 
 
 def slip_between(seen: float, asked: float) -> float | None:

@@ -80,6 +80,7 @@ def check_samples(
         if units.slip:
             raise file.place.error(units.slip, 1 if file.text is not None else None)
         remarks.extend(units.remarks)
+        invalid.extend([units.contradiction] if units.contradiction else [])
     return Findings(tuple(invalid), tuple(remarks))
 
 

@@ -23,13 +23,11 @@ from rigctl.campaign.layout import (
 from rigctl.experiments.inflight.observe.sessions import (
     EQUIVALENCE,
     GRADIENT,
-    LINEAR,
-    MASS_MOTION,
-    QUADRATIC,
     SESSIONS,
+    Session,
+    fewest_orbits,
 )
-
-_AMPLITUDE_UNITS = {**dict.fromkeys(LINEAR, "m/s2"), **dict.fromkeys((*MASS_MOTION, *QUADRATIC), "m"), "dy": "rad"}
+from rigctl.experiments.inflight.observe.stimulus import AMPLITUDE_UNITS, stimulus_findings
 
 
 def _flaw(run: Mapping[str, Any]) -> str | None:
@@ -41,8 +39,8 @@ def _flaw(run: Mapping[str, Any]) -> str | None:
     for name in ("calibration_frequency_hz", "amplitude"):
         if math.isnan(run.get(name, math.nan)):
             return f"session {session} has no {name}; write what was injected"
-    if unit and unit != _AMPLITUDE_UNITS[session]:
-        return f"amplitude_unit {unit} contradicts session {session}; write {_AMPLITUDE_UNITS[session]} and convert"
+    if unit and unit != AMPLITUDE_UNITS[session]:
+        return f"amplitude_unit {unit} contradicts session {session}; write {AMPLITUDE_UNITS[session]} and convert"
     return None
 
 
@@ -52,16 +50,27 @@ def _injected_period(run: Mapping[str, Any]) -> float:
 
 
 def _units(run: Mapping[str, Any], columns: Columns, constants: Mapping[str, float]) -> UnitFindings:
-    """The sampling period, and how long the session lasts in orbits."""
+    """The sampling period, how long the session lasts in orbits, and the stimulus in its own channel."""
     step_s = sample_step_s(columns["t_s"])
     period_s = float(run.get("sample_period_s", math.nan))
     if slip := slip_between(step_s, period_s):
         return UnitFindings(time_slip(f"samples are {step_s:.4g} apart", f"sample_period_s is {period_s:g}", slip))
-    asked_s = float(run.get("orbits", math.nan)) * constants.get("orbit_period_s", math.nan)
+    orbit_s = constants.get("orbit_period_s", math.nan)
+    asked_s = float(run.get("orbits", math.nan)) * orbit_s
     lasts_s = float(columns["t_s"][-1] - columns["t_s"][0]) + step_s
     if slip := slip_between(lasts_s, asked_s):
         return UnitFindings(time_slip(f"it lasts {lasts_s:.4g}", f"its orbits take {asked_s:.4g} s", slip))
+    if run["session"] in AMPLITUDE_UNITS and lasts_s >= fewest_orbits(run["session"]) * orbit_s:
+        return _stimulus(run, columns, step_s, orbit_s)
     return UnitFindings()
+
+
+def _stimulus(run: Mapping[str, Any], columns: Columns, step_s: float, orbit_s: float) -> UnitFindings:
+    """Nothing to compare where the row tells no stimulus: the reduction says what it lacks."""
+    frequency_hz, amplitude = run["calibration_frequency_hz"], run["amplitude"]
+    if not (frequency_hz > 0.0 and amplitude != 0.0):
+        return UnitFindings()
+    return stimulus_findings(Session(run["session"], orbit_s, step_s, frequency_hz, amplitude), columns)
 
 
 COLUMNS = Layout(

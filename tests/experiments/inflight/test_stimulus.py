@@ -1,0 +1,106 @@
+"""The stimulus that a row of runs.csv states against the one that the run's own channels show."""
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.bundle.bundle import import_bundle, write_bundle
+from rigctl.campaign.layout import UnitFindings
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError
+from rigctl.experiments.inflight.columns import COLUMNS
+from rigctl.experiments.inflight.observe.stimulus import AMPLITUDE_UNITS
+
+STEP_S, NOISE = 8.0, 1.2e-12
+MASSES = ("ac12", "ac13", "k2c_1", "k2c_2")
+
+
+@pytest.fixture(scope="module")
+def flown(flight):
+    instrument = flight.drawn(4)
+    return {
+        name: flight.recorded(name, instrument, flight.Sky(noise=NOISE, seed=4), orbits=10, step_s=STEP_S)
+        for name in AMPLITUDE_UNITS
+    }
+
+
+def found(flight, columns, conditions):
+    constants = {"orbit_period_s": flight.ORBIT_S, "eccentricity": 5e-3}
+    return COLUMNS.units_of(conditions, columns, constants)
+
+
+@pytest.mark.parametrize("session", AMPLITUDE_UNITS)
+def test_every_session_shows_its_own_stimulus(flight, flown, session):
+    columns, conditions = flown[session]
+    assert found(flight, columns, conditions) == UnitFindings()
+    assert found(flight, columns, {**conditions, "amplitude": -conditions["amplitude"]}) == UnitFindings()
+    # What nobody says cannot be compared, and too short a run cannot tell the stimulus from lines of the orbit.
+    assert found(flight, columns, {**conditions, "amplitude": np.nan}) == UnitFindings()
+    short = {name: column[:2000] for name, column in columns.items()}
+    assert found(flight, short, {**conditions, "orbits": np.nan, "amplitude": 1.0}) == UnitFindings()
+
+
+@pytest.mark.parametrize("session", AMPLITUDE_UNITS)
+@pytest.mark.parametrize("factor", [1e6, 1e3, 1e-3])
+def test_an_amplitude_in_another_unit_is_named(flight, flown, session, factor):
+    columns, conditions = flown[session]
+    said = found(flight, columns, {**conditions, "amplitude": factor * conditions["amplitude"]}).slip
+    unit = AMPLITUDE_UNITS[session]
+    assert f"amplitude is {factor * conditions['amplitude']:g}: one of them is off by {1 / factor:.0e}" in said
+    assert said.endswith(f"write it in {unit}")
+
+
+@pytest.mark.parametrize("session", AMPLITUDE_UNITS)
+@pytest.mark.parametrize("spoilt", [{"amplitude": 3.0}, {"amplitude": 0.3}, {"calibration_frequency_hz": 1.02}])
+def test_another_stimulus_than_was_flown_is_a_contradiction(flight, flown, session, spoilt):
+    columns, conditions = flown[session]
+    row = {**conditions, **{name: factor * conditions[name] for name, factor in spoilt.items()}}
+    said = found(flight, columns, row)
+    assert said.slip is None
+    assert said.contradiction.startswith(f"session {session} with amplitude {row['amplitude']:g} ")
+    assert said.contradiction.endswith("write the session, calibration_frequency_hz and amplitude that were flown")
+
+
+def test_lost_samples_hide_no_contradiction(flight, flown):
+    columns, conditions = flown["ac12"]
+    lost = {name: np.where((np.arange(len(c)) % 7 < 2) & (name != "t_s"), np.nan, c) for name, c in columns.items()}
+    assert found(flight, lost, conditions) == UnitFindings()
+    assert found(flight, lost, {**conditions, "amplitude": 9.0}).slip
+
+
+@pytest.mark.parametrize(
+    ("named", "was", "sessions"),
+    [
+        ("ad12", "ad13", "ad13"),
+        ("ad13", "ad11", "ad11 or k2d"),
+        ("k2c_1", "k2c_2", "k2c_2"),
+        ("ac13", "ac12", "ac12"),
+    ],
+)
+def test_a_session_whose_stimulus_is_on_another_axis_is_kept_as_invalid(
+    flight, flown, tmp_path, named, was, sessions
+):
+    columns, conditions = flown[was]
+    header = Header("inflight-calibration", constants={"orbit_period_s": flight.ORBIT_S, "eccentricity": 5e-3})
+    runs = [
+        RunRecord("good", "good", "test", conditions),
+        RunRecord("s06", "s06", "test", {**conditions, "session": named}),
+    ]
+    recording = Recording(header, runs, dict.fromkeys(("good", "s06"), columns), ImportReport(2))
+    write_bundle(recording, tmp_path / "bundle")
+    import_bundle(tmp_path / "bundle", tmp_path / "x.rig.sqlite")
+    with Store.open(tmp_path / "x.rig.sqlite") as store:
+        good, bad = store.runs()
+    assert (good.valid, bad.valid) == (True, False)
+    assert bad.reason.startswith(f"session {named} with amplitude {conditions['amplitude']:g} ")
+    assert bad.reason.endswith(f"write session {sessions}")
+    assert "\n" not in bad.reason
+
+
+def test_an_amplitude_in_another_unit_refuses_the_bundle(flight, flown, tmp_path):
+    columns, conditions = flown["ac12"]
+    header = Header("inflight-calibration", constants={"orbit_period_s": flight.ORBIT_S, "eccentricity": 5e-3})
+    runs = [RunRecord("s02", "s02", "test", {**conditions, "amplitude": 9.0})]
+    write_bundle(Recording(header, runs, {"s02": columns}, ImportReport(1)), tmp_path / "bundle")
+    with pytest.raises(DataError, match=r"s02.*: m1_y - m2_y shows a stimulus of 9e-06 m .*write it in m$"):
+        import_bundle(tmp_path / "bundle", tmp_path / "x.rig.sqlite")
