@@ -68,7 +68,7 @@ def analyse(workbench: Workbench) -> InflightResult:
     from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
     from rigctl.experiments.inflight.result.budget import calibration_budget
     from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence
-    from rigctl.experiments.inflight.result.result import calibration, systematic
+    from rigctl.experiments.inflight.result.result import calibration, of_misfit, systematic
     from rigctl.experiments.inflight.study import InflightStudy
     from rigctl.workbench.verdict.attempt import Attempt
 
@@ -85,7 +85,7 @@ def analyse(workbench: Workbench) -> InflightResult:
         "budget": calibration_budget(studied, attempt).as_json(),
     }
     test = runs_of_test(studied.source)
-    numbers["remarks"] = [*numbers["remarks"], *test.left_out.values()]
+    numbers["remarks"] = [*of_misfit(attempt, version.version), *numbers["remarks"], *test.left_out.values()]
     if test.runs:
         calibrated = calibrated_of(values, covariance, beyond)
         level = calibrated_level(studied)

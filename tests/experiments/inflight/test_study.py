@@ -17,7 +17,7 @@ from rigctl.experiments.inflight.model.residual_samples import steadiness
 from rigctl.experiments.inflight.observe.detection import density_of
 from rigctl.experiments.inflight.observe.grid import Grid
 from rigctl.experiments.inflight.result.budget import calibration_budget, refitted
-from rigctl.experiments.inflight.result.result import calibration, systematic
+from rigctl.experiments.inflight.result.result import calibration, of_misfit, systematic
 from rigctl.experiments.inflight.result.unseen import unseen_covariance
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.study import Term
@@ -309,6 +309,28 @@ def test_short_and_broken_sessions_are_left_out_with_a_reason(flight):
     assert found["parameters"]["ac11_dz_m"]["paper"] is None
     assert found["parameters"]["ac11_dx_m"]["paper"] is not None
     assert any(remark.startswith("no run for ac11_dy_m, ac11_dz_m") for remark in found["remarks"])
+
+
+def test_a_model_that_does_not_describe_the_data_says_so(flight, attempt):
+    def mistaken(name, columns, conditions):
+        return columns, {**conditions, "amplitude": 1e6 * conditions["amplitude"]} if name == "ac12" else conditions
+
+    assert of_misfit(attempt, 1) == []
+    [said] = of_misfit(Attempt(InflightStudy(recording(flight, spoil=mistaken)), ()), 3)
+    assert said.startswith("the model, version 3, does not describe these data, and no sigma holds: chi2/dof is ")
+    assert "run ac12" in said
+    assert "own channel, ac12 f in-phase is -" in said
+
+
+def test_only_what_no_session_tells_is_said_to_have_no_run(flight):
+    def relabelled(name, columns, conditions):
+        return columns, {**conditions, "session": "ad12"} if name == "ad13" else conditions
+
+    flown = [name for name in flight.SESSIONS if name != "ad12"]
+    study = InflightStudy(recording(flight, spoil=relabelled, sessions=flown))
+    beside, unsettled = calibration(study, parameters_of(study, ()), {})["remarks"]
+    assert beside.startswith("no run for ad13_rad: without it")
+    assert unsettled.startswith("the published estimate has not settled in 8 sweeps, do not use it: ")
 
 
 def test_nothing_that_can_be_used_is_one_line(flight):

@@ -44,11 +44,16 @@ class FittedRun:
 
 @dataclass(frozen=True)
 class PaperEstimate:
-    """`values` and standard uncertainties of the parameters `NAMES`, NaN for one whose session is missing."""
+    """`values` and standard uncertainties of the parameters `NAMES`, NaN for those that are `lacking` a session.
+
+    Where the sweeps have not `settled` the others are no estimates either, NaN where they grew beyond all numbers.
+    """
 
     values: FloatArray
     sigmas: FloatArray
     sweeps: int
+    lacking: tuple[str, ...]
+    settled: bool
 
 
 def paper_estimate(runs: Mapping[str, FittedRun]) -> PaperEstimate:
@@ -59,17 +64,19 @@ def paper_estimate(runs: Mapping[str, FittedRun]) -> PaperEstimate:
     rows = _rows_of(runs)
     a = np.zeros(len(_ROWS))
     moves = []
-    for _ in range(SWEEPS):
-        before = a.copy()
-        for place, run in rows.items():
-            # The newest values at once (Gauss and Seidel), in the order of the paper's table.
-            a[place] = _solved(place, a, run)
-        moves.append(a - before)
-    covariance = _covariance(a, rows)
+    # What a session is said to be and is not lets the sweeps grow without bound: they have not settled then.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(SWEEPS):
+            before = a.copy()
+            for place, run in rows.items():
+                # The newest values at once (Gauss and Seidel), in the order of the paper's table.
+                a[place] = _solved(place, a, run)
+            moves.append(a - before)
+        covariance = _covariance(a, rows)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     there = list(rows)
     settled = [bool(np.all(np.abs(move[there]) <= SETTLED * sigma[there])) for move in moves]
-    return _named(a, covariance, set(rows), settled.index(True) + 1 if any(settled) else SWEEPS)
+    return _named(a, covariance, set(rows), settled.index(True) + 1 if any(settled) else None)
 
 
 def _rows_of(runs: Mapping[str, FittedRun]) -> dict[int, FittedRun]:
@@ -171,11 +178,18 @@ def _covariance(a: FloatArray, rows: Mapping[int, FittedRun]) -> FloatArray:
     return covariance
 
 
-def _named(a: FloatArray, covariance: FloatArray, there: set[int], sweeps: int) -> PaperEstimate:
+def _named(a: FloatArray, covariance: FloatArray, there: set[int], sweeps: int | None) -> PaperEstimate:
     turn = np.zeros((len(NAMES), len(_ROWS)))
     for number, name in enumerate(("dx", "dy", "dz", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d")):
         turn[number, _AT[name]] = 1.0
     turn[-1, [_AT["k2c_1"], _AT["k2c_2"]]] = 0.5
     missing = np.array([any(place not in there for place in np.flatnonzero(row)) for row in turn])
-    sigmas = np.sqrt(np.diag(turn @ covariance @ turn.T))
-    return PaperEstimate(np.where(missing, np.nan, turn @ a), np.where(missing, np.nan, sigmas), sweeps)
+    with np.errstate(over="ignore", invalid="ignore"):
+        sigmas = np.sqrt(np.diag(turn @ covariance @ turn.T))
+    return PaperEstimate(
+        np.where(missing, np.nan, turn @ a),
+        np.where(missing, np.nan, sigmas),
+        SWEEPS if sweeps is None else sweeps,
+        tuple(name for name, lacks in zip(NAMES, missing, strict=True) if lacks),
+        sweeps is not None,
+    )

@@ -13,6 +13,10 @@ from rigctl.experiments.inflight.model.parameters import NAMES, UNITS
 from rigctl.experiments.inflight.result.unseen import unseen_covariance
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.findings import Estimate
+from rigctl.workbench.verdict.attempt import Attempt
+
+MISFIT = 2.0
+"""Residuals of so many times the noise, rms, are no bad luck: every sigma is too small by as much, or more."""
 
 
 def calibration(study: InflightStudy, joint: Mapping[str, Estimate], beyond: Mapping[str, float]) -> dict[str, Any]:
@@ -33,7 +37,7 @@ def calibration(study: InflightStudy, joint: Mapping[str, Estimate], beyond: Map
             for name, unit in zip(NAMES, UNITS, strict=True)
         },
         "sweeps": paper.sweeps,
-        "remarks": [*remarks, *study.left_out.values(), *_missing(paper)],
+        "remarks": [*remarks, *study.left_out.values(), *_of_published(paper)],
     }
 
 
@@ -52,12 +56,33 @@ def _of(paper: PaperEstimate, name: str) -> dict[str, float] | None:
     return {"value": value, "sigma": sigma} if np.isfinite(value) else None
 
 
-def _missing(paper: PaperEstimate) -> list[str]:
-    """Which parameters the published estimate cannot give, in one line."""
-    names = [name for name, value in zip(NAMES, paper.values, strict=True) if not np.isfinite(value)]
-    if not names:
+def _of_published(paper: PaperEstimate) -> list[str]:
+    """What the published estimate cannot give, and why; a line each."""
+    remarks = []
+    if paper.lacking:
+        remarks.append(
+            f"no run for {', '.join(paper.lacking)}: without it the published estimate takes zero for it in the "
+            "other sessions, and the joint one uses what their lines say of it"
+        )
+    if not paper.settled:
+        remarks.append(
+            f"the published estimate has not settled in {paper.sweeps} sweeps, do not use it: a session was not "
+            "flown as runs.csv says, or the sessions contradict each other; use the joint one once `rigctl compare` "
+            "agrees"
+        )
+    return remarks
+
+
+def of_misfit(attempt: Attempt, version: int) -> list[str]:
+    """That the model does not describe the data, in one line, where it leaves far more than the noise."""
+    ratio = attempt.result.chi2 / max(attempt.result.dof, 1)
+    if ratio <= MISFIT**2:
         return []
+    given, left = attempt.model.observations, attempt.whitened()
+    worst = int(np.argmax(np.abs(left)))
+    series = given.series[given.series_of[worst]]
     return [
-        f"no run for {', '.join(names)}: without it the published estimate takes zero for it in the other sessions, "
-        "and the joint one uses what their lines say of it"
+        f"the model, version {version}, does not describe these data, and no sigma holds: chi2/dof is {ratio:.3g}, "
+        f"and run {given.run_ids[given.run_of[worst]]}, {series.channel}, {series.component} is {left[worst]:+.1f} "
+        "sigma off; look with `rigctl compare`, then mend runs.csv or extend the model"
     ]
