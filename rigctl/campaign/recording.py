@@ -182,6 +182,14 @@ class RunSource(Protocol):
         """The columns of one run, each of shape (samples,)."""
 
 
+def why_none(source: RunSource, left_out: Mapping[str, str]) -> str:
+    """Why no run can be used, by the first that cannot: left out of the valid ones, by run_id, or invalid itself."""
+    invalid = {record.run_id: record.reason for record in source.runs() if not record.valid}
+    for run_id, reason in {**left_out, **invalid}.items():
+        return f"run {run_id}: {reason.removeprefix(f'run {run_id}: ') or 'it is marked invalid'}"
+    return "there is no run"
+
+
 @dataclass(frozen=True)
 class Recording:
     """A recording in memory; `columns` maps a run_id to its samples."""

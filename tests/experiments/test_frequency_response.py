@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rigctl.analysis.budget import budget, compare, monte_carlo
-from rigctl.campaign.recording import ChannelInfo
+from rigctl.campaign.bundle.bundle import read_bundle, write_bundle
+from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.frequency_response.chain import trial_run
 from rigctl.experiments.frequency_response.model import Bench
 from rigctl.experiments.frequency_response.observables import Sensitivity, fitted_run, sensitivities
 from rigctl.experiments.frequency_response.result import OUTPUTS, measurement
+from rigctl.experiments.frequency_response.study import ResponseStudy
 
 RATE_HZ, LENGTH_S, S = 200.0, 12.0, 1.3 * np.exp(-0.4j)
 NOISE_V, NOISE_MM = 2e-3, 1e-3
@@ -135,3 +138,33 @@ def test_a_filter_is_its_response_at_the_drives_frequency() -> None:
     # A cosine through a pole: its in-phase part over 1 + (w tau)^2, and w tau of it a quarter later.
     expected = (run.signal + w * tau * np.roll(run.signal, 8, axis=1)) / (1.0 + (w * tau) ** 2)
     np.testing.assert_allclose(passed, expected, rtol=0.0, atol=1e-12 * np.abs(run.signal).max())
+
+
+def response(of_run: dict[str, FloatArray], **record: object) -> Recording:
+    given = {"direction": 1, "frequency_hz": 0.5, "mounting": 1, "amplitude_mm": 5.0}
+    run = RunRecord("7", "7", "test", given, **record)  # type: ignore[arg-type]
+    return Recording(Header("frequency-response"), [run], {"7": of_run}, ImportReport(1))
+
+
+@pytest.mark.parametrize(("factor", "unit", "hz"), [(1e3, "ms", "0.0005"), (1e6, "us", "5e-07")])
+def test_time_in_another_unit_than_seconds_is_refused(factor: float, unit: str, hz: str, tmp_path: Path) -> None:
+    made = samples(0.5, 5.0, 1, np.random.default_rng(3))
+    write_bundle(response(made), tmp_path / "good")
+    assert [run.valid for run in read_bundle(tmp_path / "good").runs()] == [True]
+    write_bundle(response({**made, "t_s": factor * made["t_s"]}), tmp_path / "bad")
+    said = f"the stage moves at {hz} Hz, frequency_hz is 0.5: t_s looks like {unit}; write it in seconds$"
+    with pytest.raises(DataError, match=said):
+        read_bundle(tmp_path / "bad")
+
+
+def test_without_a_valid_run_the_first_reason_is_told() -> None:
+    made = samples(0.5, 5.0, 1, np.random.default_rng(3))
+    invalid = response(made, valid=False, reason="accel_v: 7 of 2400 saturated")
+    with pytest.raises(DataError, match=r"^no valid run could be reduced: run 7: accel_v: 7 of 2400 saturated$"):
+        ResponseStudy(invalid, ()).data  # noqa: B018
+    unnamed = response(made, valid=False)
+    with pytest.raises(DataError, match=r"^no valid run could be reduced: run 7: it is marked invalid$"):
+        ResponseStudy(unnamed, ()).data  # noqa: B018
+    headless = response({name: column for name, column in made.items() if "laser" not in name})
+    with pytest.raises(DataError, match=r"^no valid run could be reduced: run 7: no laser head was recorded"):
+        ResponseStudy(headless, ()).data  # noqa: B018

@@ -6,8 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
+from rigctl.campaign.driven import frequency_of, swing_of
 from rigctl.campaign.layout import (
     COMMON_FIELDS,
     Columns,
@@ -18,11 +17,10 @@ from rigctl.campaign.layout import (
     positive,
     sign,
     slip_between,
+    time_slip,
     whole_number,
 )
-from rigctl.core.arrays import FloatArray
 
-SAMPLES_MIN = 16
 STAGE, ACCEL = "stage_x_mm", "accel_v"
 LASER_PREFIX, LASER_SUFFIX = "laser_", "_mm"
 
@@ -33,25 +31,19 @@ def is_head(name: str) -> bool:
 
 
 def _units(run: Mapping[str, Any], columns: Columns, _: Mapping[str, float]) -> UnitFindings:
-    """The stage's amplitude as it was asked for, each head's as the stage's: one in um would be a wrong result."""
-    asked, stage = float(run.get("amplitude_mm", math.nan)), _swing(columns[STAGE])
+    """The stage's amplitude and frequency as they were asked for, each head's amplitude as the stage's."""
+    asked, stage = float(run.get("amplitude_mm", math.nan)), swing_of(columns[STAGE])
     if slip := slip_between(stage, asked):
         said = f"{STAGE} swings by {stage:.4g}, amplitude_mm is {asked:g}"
         return UnitFindings(f"{said}: one of them is off by {slip:g}; write both in mm")
+    asked_hz, seen_hz = float(run["frequency_hz"]), frequency_of(columns["t_s"], columns[STAGE])
+    if slip := slip_between(asked_hz, seen_hz):
+        return UnitFindings(time_slip(f"the stage moves at {seen_hz:.4g} Hz", f"frequency_hz is {asked_hz:g}", slip))
     for name in filter(is_head, columns):
-        if slip := slip_between(swing := _swing(columns[name]), stage):
+        if slip := slip_between(swing := swing_of(columns[name]), stage):
             said = f"{name} swings by {swing:.4g}, {STAGE} by {stage:.4g}"
             return UnitFindings(f"{said}: one of them is off by {slip:g}; write both in mm")
     return UnitFindings()
-
-
-def _swing(column: FloatArray) -> float:
-    """Half of peak to peak; a jump is no swing."""
-    known = column[np.isfinite(column)]
-    if known.size < SAMPLES_MIN:
-        return math.nan
-    low, high = np.percentile(known, [1.0, 99.0])
-    return 0.5 * float(high - low)
 
 
 def _period_s(run: Mapping[str, Any]) -> float:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigctl.campaign.recording import Header
+from rigctl.campaign.recording import Header, why_none
 from rigctl.campaign.stated import heads_of, uncertainties_of
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
@@ -62,7 +62,7 @@ class ResponseStudy(CatalogueStudy[Recorded]):
         bench = bench_of(self.source.header)
         runs, left_out = reduction(self.source, bench.tilts_rad)
         if not runs:
-            raise DataError(f"no valid run could be reduced: {next(iter(left_out.values()), 'there is none')}")
+            raise DataError(f"no valid run could be reduced: {why_none(self.source, left_out)}")
         return recorded(runs, bench)
 
     def model(self, terms: Sequence[Term]) -> ResponseModel:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rigctl.analysis.kept import Packed, Reduction
-from rigctl.campaign.recording import RunSource
+from rigctl.campaign.recording import RunSource, why_none
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.core.units import ABSOLUTE_ZERO_C
@@ -85,8 +85,7 @@ class FlightData:
         """All valid runs; `DataError` when none can be used."""
         reduced = reduction(source).sorted_by(_contents)
         if not reduced.runs:
-            why = next(iter(reduced.left_out.values()), "there is no valid run")
-            raise DataError(f"no run of this recording can be used: {why}")
+            raise DataError(f"no run of this recording can be used: {why_none(source, reduced.left_out)}")
         return cls(RecordedRuns(source, reduced))
 
     @property
