@@ -136,6 +136,74 @@ def test_lost_rows_are_a_gap_in_their_period_alone(recorded: tuple[Columns, Chai
     assert np.allclose(found.state[:, 0], 1.0 / 825.0)
 
 
+def turn_edges(samples: Columns) -> tuple[int, int]:
+    """Where the third turn of a run begins and ends."""
+    edges = np.flatnonzero(np.diff(samples["moving"])) + 1
+    return int(edges[4]), int(edges[5])
+
+
+@pytest.mark.parametrize("ends", [(0, 20), (-20, 20), (-20, 0), (0, 0)], ids=["start", "beyond", "end", "whole"])
+def test_an_angle_that_is_lost_about_a_turn_leaves_the_recorded_flag(
+    recorded: tuple[Columns, Chains], ends: tuple[int, int]
+) -> None:
+    samples, believed = recorded
+    begin, end = turn_edges(samples)
+    lost = {
+        (0, 20): slice(begin, begin + 20),
+        (-20, 20): slice(begin - 20, end + 20),
+        (-20, 0): slice(end - 20, end),
+        (0, 0): slice(begin, end),
+    }[ends]
+    found = cut({**samples, "theta_deg": _put(samples["theta_deg"], lost, np.nan)}, believed)
+    whole = cut(samples, believed)
+    assert not found.faults.any()
+    assert found.off_stop == 0
+    for name in ("sums", "since", "to_go", "sign", "direction", "geometry"):
+        assert np.allclose(getattr(found, name), getattr(whole, name), rtol=0.0, atol=1e-9), name
+    # A turn that was not seen whole is not among the mean ones.
+    courses, wanted = (each.turns[np.lexsort(each.turn_kinds.T)] for each in (found, whole))
+    assert np.allclose(courses, wanted, rtol=0.0, atol=1e-4)
+
+
+def test_a_dwell_whose_angle_is_lost_throughout_is_a_gap(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    edges = np.flatnonzero(np.diff(samples["moving"])) + 1
+    begin, end = int(edges[5]), int(edges[6])
+    found = cut({**samples, "theta_deg": _put(samples["theta_deg"], slice(begin - 10, end), np.nan)}, believed)
+    assert faults(found)["gap"] == end - begin
+    assert np.flatnonzero(found.faults.any(axis=(1, 2))).tolist() == [begin // 600]
+
+
+def test_readings_between_rest_and_a_turn_whose_flag_is_lost_are_not_used(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    begin, _ = turn_edges(samples)
+    found = cut({**samples, "moving": _put(samples["moving"], slice(begin - 10, begin + 20), np.nan)}, believed)
+    moved = _put(samples["q_a_v"], slice(begin - 10, begin + 20), 5.0)
+    other = cut(
+        {**samples, "q_a_v": moved, "moving": _put(samples["moving"], slice(begin - 10, begin + 20), np.nan)},
+        believed,
+    )
+    assert np.array_equal(found.sums, other.sums)
+    assert faults(found)["gap"] == 30
+
+
+@pytest.mark.parametrize(("before", "after"), [(15, -20), (5, 5), (-20, 15)], ids=["start", "whole", "end"])
+def test_rows_lost_about_turns_are_gaps_and_no_other_clock(
+    recorded: tuple[Columns, Chains], before: int, after: int
+) -> None:
+    samples, believed = recorded
+    edges = np.flatnonzero(np.diff(samples["moving"])) + 1
+    keep = np.ones(7200, dtype=bool)
+    # Always of the same dwell, and in the later periods alone: so do turns look late.
+    for begin, end in zip(edges[::2][25::4].tolist(), edges[1::2][25::4].tolist(), strict=True):
+        keep[begin - before : end + after] = False
+    found = cut({name: values[keep] for name, values in samples.items()}, believed)
+    assert found.drift_s == 0.0
+    with_gap = np.unique(np.flatnonzero(~keep & (samples["moving"] == 0.0)) // 600)
+    gap = found.faults[:, :, FAULTS.index("gap")]
+    assert np.flatnonzero(gap.any(axis=1)).tolist() == with_gap.tolist()
+
+
 @pytest.mark.parametrize(
     ("spoil", "wanted"),
     [

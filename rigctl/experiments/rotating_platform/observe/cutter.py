@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.core.arrays import FloatArray, Int64Array
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import (
     AFTER_S,
@@ -126,6 +126,7 @@ class _Cutter:
     def _begin(self) -> None:
         self._parts: list[dict[str, Any]] = []
         self._faults: list[Int64Array] = []
+        self._holed: list[BoolArray] = []
         self._periods, self._off_stop = 0, 0
 
     def cut(self, block: FloatArray, ahead: int) -> int:
@@ -141,6 +142,7 @@ class _Cutter:
             self._add(block[:, :length], dwells, cos, starts)
         else:
             self._faults.append(np.zeros((periods, len(CHANNELS), len(FAULTS)), dtype=np.int64))
+        self._holed.append(np.asarray(dwells.lost[:length].reshape(-1, self._samples).any(axis=1)))
         self._periods += periods
         self._turns.remember(dwells, length)
         return length
@@ -153,7 +155,12 @@ class _Cutter:
         faults = np.concatenate(self._faults)
         negative, moment = joined["sign"] < 0, joined["count"] * joined["centre"]
         shapes = dwell_shapes(joined["period"], negative, joined["count"], moment, self._periods)
-        faults[:, :, FAULTS.index("shifted")] = shifts(shapes, usual_shape(shapes))[:, None]
+        gap, holed = faults[:, :, FAULTS.index("gap")], np.concatenate(self._holed)
+        gapless = ~(holed | gap.any(axis=1))
+        shifted = shifts(shapes, usual_shape(shapes, gapless))[:, None]
+        faults[:, :, FAULTS.index("shifted")] = shifted
+        # Where the flag was lost nothing tells a dwell from a turn: what the period's dwells miss was lost with it.
+        gap[holed] = np.maximum(gap, shifted)[holed]
         turns, turn_kinds = self._turns.mean()
         integers = {name: joined[name].astype(np.int64) for name in ("period", "sign", "bin", "since", "to_go")}
         cells = Cells(
@@ -162,7 +169,7 @@ class _Cutter:
             **{**joined, **integers},
             faults=faults,
             off_stop=self._off_stop,
-            drift_s=_drift(shapes) / self._rate_hz,
+            drift_s=_drift(shapes, gapless) / self._rate_hz,
             turns=turns,
             turn_kinds=turn_kinds,
             turn_before=self._turns.before,
@@ -242,7 +249,7 @@ class _Cutter:
         channels = []
         for number, full_scale in enumerate(self._full_scale):
             m = block[number]
-            gap = rests & ~np.isfinite(m)
+            gap = rests & ~(np.isfinite(m) & dwells.known[:length])
             saturated = rests & ~gap & (np.abs(m) >= full_scale * (1.0 - 1e-12))
             elsewhere = rests & astray & ~gap & ~saturated
             used = rests & ~gap & ~saturated & ~elsewhere
@@ -278,10 +285,13 @@ def _mean_of_known(total: Total, values: FloatArray) -> FloatArray:
         return np.asarray(total(np.where(known, values, 0.0)) / np.where(count > 0.0, count, np.nan))
 
 
-def _drift(shapes: Int64Array) -> float:
-    """By how many samples the dwells at half a turn are later in the last period than in the first; 0 below one."""
-    whole = np.flatnonzero(shapes[:, 1] > 0)
-    if not (shapes != shapes[0]).any() or whole.size <= 2:
+def _drift(shapes: Int64Array, gapless: BoolArray) -> float:
+    """By how many samples the dwells at half a turn are later in the last period than in the first; 0 below one.
+
+    A gap moves the mean time of what is left: periods with one cannot tell.
+    """
+    whole = np.flatnonzero(gapless & (shapes[:, 1] > 0))
+    if whole.size <= 2 or not (shapes[whole] != shapes[whole[0]]).any():
         return 0.0
     at = 0.5 * shapes[whole, 3] / shapes[whole, 1]
     drift = float(np.polyfit(whole.astype(np.float64), at, 1)[0]) * (len(shapes) - 1)

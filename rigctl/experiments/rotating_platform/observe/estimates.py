@@ -21,10 +21,11 @@ def outside_guard(cells: Cells, guard_s: float, lead_s: float) -> BoolArray:
 
 
 def usual_mask(cells: Cells, keep: BoolArray | None = None) -> SampledPattern:
-    """The dwells of the first period that is like most others, as far as its cells are kept."""
+    """The dwells of the first period that is like most others without a gap, as far as its cells are kept."""
     keep = np.ones(cells.period.size, dtype=np.bool_) if keep is None else keep
     shapes = _shapes_of(cells, keep)
-    first = np.flatnonzero((shapes == usual_shape(shapes)).all(axis=1))[0]
+    gap: BoolArray = np.asarray(cells.faults[:, :, FAULTS.index("gap")].any(axis=1))
+    first = np.flatnonzero((shapes == usual_shape(shapes, ~gap)).all(axis=1))[0]
     return _dwells_of(cells, keep & (cells.period == first))
 
 
@@ -43,8 +44,10 @@ def dwell_shapes(
     return np.rint(np.concatenate(sums, axis=1)).astype(np.int64)
 
 
-def usual_shape(shapes: Int64Array) -> Int64Array:
-    """The shape that most periods with dwells at both stops have."""
+def usual_shape(shapes: Int64Array, gapless: BoolArray) -> Int64Array:
+    """The shape that most periods with dwells at both stops have; of the gapless ones, if there are such."""
+    both = shapes[:, :2].min(axis=1) > 0
+    shapes = shapes[gapless] if (gapless & both).any() else shapes
     kinds, often = np.unique(shapes, axis=0, return_counts=True)
     return np.asarray(kinds[np.argmax(np.where(kinds[:, :2].min(axis=1) > 0, often, 0))])
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from rigctl.experiments.rotating_platform.observe.cells import Columns
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, COMMANDS, READINGS, Chains
 
@@ -104,20 +104,34 @@ class _Unwrapped:
         return going_on
 
 
-def held(moving: FloatArray, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Moving and angle with what was lost as it was before; a stop that changed meanwhile was a turn."""
-    known = np.isfinite(moving) & np.isfinite(theta_rad)
-    if known.all():
-        return moving, theta_rad
+def held(moving: FloatArray, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Moving and angle with what was lost filled in, and where that tells the stop at which the platform rests.
+
+    The flag is believed wherever it was recorded: a turn begins by it, whatever became of the angle.
+    """
+    flagged, known = np.isfinite(moving), np.isfinite(theta_rad)
+    if flagged.all() and known.all():
+        return moving, theta_rad, np.ones(known.size, dtype=np.bool_)
+    before, after = _beside(known)
+    turned = (np.cos(theta_rad[before]) > 0.0) != (np.cos(theta_rad[after]) > 0.0)
+    flag_before, flag_after = (moving[each] for each in _beside(flagged))
+    # A stop that changed meanwhile was a turn, and what nobody knows counts as moving: such samples are never used.
+    moving = np.nan_to_num(np.where(flagged, moving, np.where(turned, 1.0, flag_before)), nan=1.0)
+    # Between rest and a turn nobody knows where the one ended and the other began.
+    certain = flagged | (flag_before == flag_after)
+    stretch = np.cumsum(np.diff(moving != 0.0, prepend=False))
+    at_before, at_after = (known[each] & (stretch[each] == stretch) for each in (before, after))
+    filled_in = np.nan_to_num(theta_rad[np.where(at_after & ~at_before, after, before)])
+    return moving, filled_in, certain & (at_before | at_after)
+
+
+def _beside(known: BoolArray) -> tuple[Int64Array, Int64Array]:
+    """Of each sample, the last known one up to it and the first from it on, or the other where there is none."""
     index = np.arange(known.size)
     before = np.maximum.accumulate(np.where(known, index, -1))
     after = np.minimum.accumulate(np.where(known, index, known.size)[::-1])[::-1]
     before = np.where(before < 0, np.minimum(after, known.size - 1), before)
-    after = np.where(after >= known.size, before, after)
-    turned = (np.cos(theta_rad[before]) > 0.0) != (np.cos(theta_rad[after]) > 0.0)
-    filled_in = np.where(known, moving, np.where(turned, 1.0, moving[before]))
-    # What nobody knows counts as moving: such samples are never used.
-    return np.nan_to_num(filled_in, nan=1.0), np.nan_to_num(theta_rad[before])
+    return before, np.where(after >= known.size, before, after)
 
 
 def filled(values: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ from rigctl.experiments.rotating_platform.observe.lines import line_amplitudes, 
 from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
 from rigctl.experiments.rotating_platform.observe.recorded import COMMANDS, Chains, chains, guards_of
 
-VERSION = 13
+VERSION = 14
 """Of what is kept: counted up whenever cutter.py would give other numbers."""
 
 _SCAN_VERSION = 15

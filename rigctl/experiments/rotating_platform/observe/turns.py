@@ -26,7 +26,8 @@ _MEDIAN = 0.6745
 class Dwells:
     """The stretches of a block in which the platform rests, in order; places are sample numbers in the block.
 
-    Of the samples: whether the platform `rests`, its angle, and whether it is `still`: at rest where it should rest.
+    Of the samples: whether the platform `rests`, its angle, whether it is `still`: at rest where it should rest, and
+    whether flag or angle were `lost`, or the stop is not `known` from what is beside them.
     Of the dwells, shape (dwells,): first sample and the one after the last; `turned_at`, where the turn before it
     ended (`FAR` before the block where none was); `turn_at`, where the next begins (`FAR` where it is not in sight);
     `direction` of the turn before it; `astray`, away from both stops.
@@ -35,6 +36,8 @@ class Dwells:
     rests: BoolArray
     theta_rad: FloatArray
     still: BoolArray
+    lost: BoolArray
+    known: BoolArray
     start: Int64Array
     stop: Int64Array
     turned_at: Int64Array
@@ -60,7 +63,8 @@ class Turns:
 
     def dwells(self, moving: FloatArray, theta_rad: FloatArray) -> Dwells:
         """Those of a block that begins with a period; its whole turns are added to the mean ones."""
-        moving, theta_rad = held(moving, theta_rad)
+        lost = ~(np.isfinite(moving) & np.isfinite(theta_rad))
+        moving, theta_rad, known = held(moving, theta_rad)
         rests = moving == 0.0
         change = np.flatnonzero(rests[1:] != rests[:-1]) + 1
         bounds = np.concatenate([[0], change, [rests.size]])
@@ -75,11 +79,11 @@ class Turns:
             still[begin:end] = _still(theta_rad[begin:end])
         turn_at = np.where(stop < rests.size, stop, FAR)
         direction = self._directions(start, stop, theta_rad)
-        self._add_turns(start, stop, theta_rad)
+        self._add_turns(start, stop, theta_rad, lost)
         astray = _off_stops(middle_rad[of_rest])
         for number in np.flatnonzero(astray).tolist():
             astray[number] = _off_stops(theta_rad[start[number] : stop[number]]).all()
-        return Dwells(rests, theta_rad, still, start, stop, turned_at, turn_at, direction, astray)
+        return Dwells(rests, theta_rad, still, lost, known, start, stop, turned_at, turn_at, direction, astray)
 
     def motion(self, dwells: Dwells) -> tuple[FloatArray, FloatArray]:
         """Angular rate and acceleration of the samples that rest beside a turn and are not still; elsewhere none."""
@@ -129,10 +133,12 @@ class Turns:
             directions[number], last_rad = direction, theta_rad[end - 1]
         return directions
 
-    def _add_turns(self, start: Int64Array, stop: Int64Array, theta_rad: FloatArray) -> None:
-        """Add whole turns to the mean ones of their kinds."""
+    def _add_turns(self, start: Int64Array, stop: Int64Array, theta_rad: FloatArray, lost: BoolArray) -> None:
+        """Add whole turns, of which no angle was lost, to the mean ones of their kinds."""
         beside = self.ahead // 2
         for begin, end in zip(stop[:-1].tolist(), start[1:].tolist(), strict=True):
+            if lost[begin:end].any():
+                continue
             before_end = end - begin + beside
             # The first turn sets the length; one that is longer by more than a sample is no turn of the table.
             self.before = self.before or before_end
