@@ -25,7 +25,7 @@ from rigctl.experiments.rotating_platform.observe.channel_runs import (
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
 from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra
 from rigctl.experiments.rotating_platform.observe.observables import known_start_s
-from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named_pattern
+from rigctl.experiments.rotating_platform.observe.patterns import MODULATED, Pattern, named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains, chains
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer
 from rigctl.experiments.rotating_platform.observe.run_noise import RunNoise
@@ -197,7 +197,9 @@ def _reduced(source: RunSource, lines_hz: tuple[float, ...]) -> ReducedRuns:
     channels, refused = channel_runs(reduced.runs, Kept(source, noise_recipe(lines_hz)))
     left_out = {**reduced.left_out, **refused}
     if not channels:
-        why = next(iter(left_out.values()), "it has no modulated run")
+        modulated = [record for record in source.runs() if record.conditions["pattern"] in MODULATED]
+        invalid = [f"run {record.run_id} is invalid: {record.reason}" for record in modulated if not record.valid]
+        why = next(iter([*left_out.values(), *invalid]), "it has no modulated run")
         raise DataError(f"no valid run could be reduced: {why}")
     runs = tuple({each.run.run_id: each.run for each in channels}.values())
     spectra = scan(source, runs, lines_hz)

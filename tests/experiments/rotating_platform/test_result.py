@@ -174,6 +174,91 @@ def test_a_run_without_a_whole_period_is_left_out_with_a_sentence() -> None:
     }
 
 
+REFUSED: dict[str, tuple[dict[str, Any], Callable[[Columns], Columns], str]] = {
+    "period": (
+        {"modulation_period_s": 50.0},
+        lambda s: s,
+        "modulation_period_s is 50, the platform turns every 60 s; correct modulation_period_s in runs.csv",
+    ),
+    "two periods in one": (
+        {"modulation_period_s": 120.0},
+        lambda s: s,
+        "modulation_period_s is 120, the platform turns every 60 s; correct modulation_period_s in runs.csv",
+    ),
+    "radians": (
+        {},
+        lambda s: {**s, "theta_deg": np.radians(s["theta_deg"])},
+        "theta_deg never comes near 180 while the platform rests, at most 3.14: it looks like radians; write degrees",
+    ),
+    "never moving": (
+        {},
+        lambda s: {**s, "moving": np.zeros(len(s["moving"]))},
+        "moving is never 1 although theta_deg turns; write 1 while the platform turns",
+    ),
+    "nil": (
+        {},
+        lambda s: {**s, "q_a_v": np.zeros(len(s["q_a_v"]))},
+        "q_a_v does not tell its noise (what its fit leaves is nil or no number): "
+        "look whether it hangs at one value, and mark the run invalid",
+    ),
+}
+
+
+@pytest.mark.parametrize("flaw", REFUSED)
+@pytest.mark.parametrize("pattern", ["b", "c"])
+def test_what_no_modulation_can_have_recorded_is_left_out_with_what_to_mend(pattern: str, flaw: str) -> None:
+    stated, spoil, reason = REFUSED[flaw]
+    nature = PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 31})
+    runs = [SampledRun(pattern, 60.0, 12), SampledRun(pattern, 60.0, 12)]
+    recording = sampled(nature, runs, lambda number, samples: spoil(samples) if number == 1 else samples)
+    first, second = recording.records
+    records = (replace(first, conditions={**first.conditions, **stated}), second)
+    study = PlatformStudy(replace(recording, records=records))
+    assert study.left_out == {first.run_id: f"run {first.run_id}: {reason}"}
+    assert [each.run.run_id for each in study.recorded.channels] == [second.run_id] * 2
+
+
+def test_a_recording_whose_runs_are_all_invalid_says_why() -> None:
+    nature = PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 31})
+    recording = sampled(nature, [SampledRun("b", 60.0, 2)])
+    records = tuple(replace(each, valid=False, reason="the door was open") for each in recording.records)
+    with pytest.raises(DataError, match="no valid run could be reduced: run r01 is invalid: the door was open"):
+        PlatformStudy(replace(recording, records=records)).recorded  # noqa: B018
+
+
+@pytest.mark.filterwarnings("error")
+def test_dwells_whose_angle_is_lost_in_every_second_period_leave_what_the_others_tell() -> None:
+    """Bins that no usual period has were weighed by nothing: nil over nil reached the fit."""
+
+    def lose(_: int, columns: Columns) -> Columns:
+        lost = (columns["moving"] == 0) & (np.arange(len(columns["moving"])) // 300 % 4 == 1)
+        return {**columns, "theta_deg": np.where(lost, np.nan, columns["theta_deg"])}
+
+    runs = [SampledRun("c", 60.0, 20, v_z_v=level) for level in (0.0, 1.5)]
+    told = result(runs, lose).as_json()
+    assert all(run["refitted"] + run["invalid"] == 10 and run["dropped"]["gap"] > 0 for run in told["runs"])
+    assert told["accel_m_s2"]["y"]["value"] == pytest.approx(-2.98e-4, abs=5.0 * told["accel_m_s2"]["y"]["sigma"])
+    assert told["tilt_gain"]["value"] == pytest.approx(0.964, abs=5.0 * told["tilt_gain"]["sigma"])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kept", [1, 2])
+def test_periods_that_a_fit_takes_up_whole_tell_no_noise(kept: int) -> None:
+    """Waves are seen only at the periods that are left: what few of them leave was rounding, and taken for noise."""
+
+    def lose(_: int, columns: Columns) -> Columns:
+        lost = np.arange(len(columns["q_a_v"])) >= 600 * kept
+        return {**columns, **{name: np.where(lost, np.nan, columns[name]) for name in ("q_a_v", "q_b_v")}}
+
+    runs = [SampledRun("b", 60.0, 20, v_z_v=level) for level in (0.0, 1.0)]
+    if kept == 1:
+        with pytest.raises(DataError, match="too short to tell their noise"):
+            result(runs, lose)
+    else:
+        whole, told = (result(runs, spoil).as_json()["accel_m_s2"]["z"]["sigma"] for spoil in (None, lose))
+        assert told > whole
+
+
 def test_commands_that_were_not_sampled_are_those_of_the_table() -> None:
     def bare(_: int, samples: Columns) -> Columns:
         return {name: values for name, values in samples.items() if not name.startswith("dm1")}

@@ -13,7 +13,7 @@ from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import GEOMETRY, Cells
 from rigctl.experiments.rotating_platform.observe.estimators import OUTPUTS
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer
 from rigctl.experiments.rotating_platform.observe.run_noise import (
     Likelihood,
@@ -27,7 +27,7 @@ from rigctl.experiments.rotating_platform.observe.run_noise import (
 )
 from rigctl.experiments.rotating_platform.observe.store_reduction import VERSION, PlatformRun
 
-_NOISE_VERSION = 1
+_NOISE_VERSION = 2
 """Of what is kept: counted up whenever `_likelihood` would give other numbers of the same cells."""
 
 _REWEIGHTED = 5
@@ -67,28 +67,28 @@ def channel_runs(runs: Sequence[PlatformRun], kept: Kept) -> tuple[list[ChannelR
 
     What each run tells of its noise is `kept` by `noise_recipe`.
     """
-    reducers: list[tuple[PlatformRun, list[Reducer]]] = []
+    reduced: list[tuple[PlatformRun, list[Reducer], list[Likelihood]]] = []
     left_out: dict[str, str] = {}
     for run in runs:
         try:
-            reducers.append((run, [Reducer(run.cells, channel) for channel in CHANNELS]))
+            reducers = [Reducer(run.cells, channel) for channel in CHANNELS]
+            told = [
+                kept.once(f"{run.run_id} {each.channel}", partial(_told_by, each), Likelihood.unpacked)
+                for each in reducers
+            ]
         except DataError as error:
             left_out[run.run_id] = f"run {run.run_id}: {error}"
+        else:
+            reduced.append((run, reducers, told))
     channels: list[ChannelRun] = []
-    likelihoods_of = {
-        channel: [
-            kept.once(f"{run.run_id} {channel}", partial(_told_by, reducers_of_run[i]), Likelihood.unpacked)
-            for run, reducers_of_run in reducers
-        ]
-        for i, channel in enumerate(CHANNELS)
-    }
-    for number, (run, reducers_of_run) in enumerate(reducers):
-        for reducer in reducers_of_run:
-            likelihoods = likelihoods_of[reducer.channel]
-            # A run's own spectrum comes first; those of the other runs of the channel are its prior (decision 022).
-            others = likelihoods[:number] + likelihoods[number + 1 :]
-            noise = run_noise(likelihoods[number], others, run.cells.period_s)
-            channels.append(channel_run(run, reducer, noise))
+    for number, (run, reducers, told) in enumerate(reduced):
+        # A run's own spectrum comes first; those of the other runs of the channel are its prior (decision 022).
+        others = [likelihoods for place, (_, _, likelihoods) in enumerate(reduced) if place != number]
+        noises = [run_noise(own, [each[i] for each in others], run.cells.period_s) for i, own in enumerate(told)]
+        try:
+            channels += [channel_run(run, *each) for each in zip(reducers, noises, strict=True)]
+        except DataError as error:
+            left_out[run.run_id] = f"run {run.run_id}: {error}"
     return channels, left_out
 
 
@@ -111,7 +111,13 @@ def bias_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
 
 
 def _told_by(reducer: Reducer) -> Packed:
-    return _likelihood(reducer).packed()
+    try:
+        return _likelihood(reducer).packed()
+    except (DataError, np.linalg.LinAlgError) as error:
+        raise DataError(
+            f"{READINGS[reducer.channel]} does not tell its noise ({error}): look whether it hangs at one value, "
+            "and mark the run invalid"
+        ) from error
 
 
 def _likelihood(reducer: Reducer) -> Likelihood:
@@ -129,7 +135,7 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     # Where a turn leaves something behind, every period has the same of it, but for one that begins without a turn.
     same = np.broadcast_to(np.eye(len(OUTPUTS))[:, None], (*outputs.shape, len(OUTPUTS)))
     design = np.concatenate([fitted, same], axis=2)
-    if outputs.shape[1] > _FEWEST_GROUPS:
+    if np.isfinite(outputs[0]).sum() > _FEWEST_GROUPS:
         outputs, design = outputs[:, 1:], design[:, 1:]
     seen = np.isfinite(outputs)
     # All periods have it already, and what was fitted to the rest of such a column would be noise.
@@ -151,8 +157,11 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     residuals = np.where(seen, residuals, 0.0)
     spanned, sizes, ways = np.linalg.svd(matrix, full_matrices=False)
     rank = int((sizes > _RANK * sizes[0]).sum())
-    fitted_columns = np.zeros((*outputs.shape, rank))
-    fitted_columns[seen] = spanned[:, :rank]
+    # What of a wave lies in groups that are left out is lost as what lies in the fit.
+    unseen = np.flatnonzero(~seen)
+    fitted_columns = np.zeros((*outputs.shape, rank + unseen.size))
+    fitted_columns[seen, :rank] = spanned[:, :rank]
+    fitted_columns.reshape(seen.size, -1)[unseen, rank + np.arange(unseen.size)] = 1.0
     # The command along its own axis alone, and where the outputs tell it: one that differs from what all periods have
     # by an encoder's noise would bring its own noise along.
     command, known = _OWN_COMMAND[reducer.channel], 0.0
@@ -176,11 +185,11 @@ def _alike(columns: FloatArray) -> BoolArray:
 
 
 def channel_run(run: PlatformRun, reducer: Reducer, noise: RunNoise) -> ChannelRun:
-    """A channel of a run with its observables and, from its noise, their covariance."""
+    """A channel of a run with its observables and, from its noise, their covariance; `DataError` for none."""
     covariance = joint_covariance(noise, reducer.sampled, reducer.per_group, reducer.groups.tolist())
     sigma = np.sqrt(np.diag(covariance))
     # Levels and slopes differ by powers of ten: correlations are factorised, sigmas kept apart.
-    factor = np.linalg.cholesky(covariance / np.outer(sigma, sigma))
+    factor = _factor(covariance / np.outer(sigma, sigma), reducer.channel)
     # A group that has lost periods is noisier; its correlations stay what they are.
     sigma = sigma * np.tile(np.sqrt(reducer.per_group / reducer.members) * reducer.inflation(), 4)
     bins = len(reducer.bins)
@@ -190,5 +199,18 @@ def channel_run(run: PlatformRun, reducer: Reducer, noise: RunNoise) -> ChannelR
     bin_sigma = np.sqrt(np.diag(around) / reducer.bin_periods())
     if bins:
         size = np.sqrt(np.diag(around))
-        whole[sigma.size :, sigma.size :] = np.linalg.cholesky(around / np.outer(size, size))
+        whole[sigma.size :, sigma.size :] = _factor(around / np.outer(size, size), reducer.channel)
     return ChannelRun(run, reducer.channel, reducer, reducer.readings(), noise, np.append(sigma, bin_sigma), whole)
+
+
+def _factor(correlation: FloatArray, channel: str) -> FloatArray:
+    """The lower triangle of a correlation matrix; `DataError` for what is none."""
+    try:
+        factor = np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        factor = np.full_like(correlation, np.nan)
+    if not np.isfinite(factor).all():
+        raise DataError(
+            f"the noise of {READINGS[channel]} is that of no spectrum; look at its samples, or mark the run invalid"
+        )
+    return np.asarray(factor)

@@ -77,13 +77,16 @@ class Reducer:
 
     @cached_property
     def bins(self) -> tuple[Bin, ...]:
-        """Those with enough turns behind them; the last two of each stop follow from the others and are left out."""
+        """Those of a usual period with enough turns behind them.
+
+        The last two of each stop follow from the others and are left out.
+        """
         bins: list[Bin] = []
         for sign in (1, -1):
             of_stop = (self.cells.sign == sign) & (self.cells.bin != NO_BIN) & self._counts
             numbers = [
                 n
-                for n in np.unique(self.cells.bin[of_stop]).tolist()
+                for n in np.unique(self._usual_bins[self.sampled.sign == sign]).tolist()
                 if np.unique(self.cells.period[of_stop & (self.cells.bin == n)]).size >= _FEWEST_TIMES
             ]
             after = [n for n in numbers if n != BEFORE]
@@ -160,18 +163,10 @@ class Reducer:
 
     def bin_weights(self) -> FloatArray:
         """Weights of the samples of a usual period in the bins, shape (bins, samples)."""
-        sampled, cells = self.sampled, self.cells
-        usual = np.flatnonzero(cells.faults[:, 0, -1] == 0)
-        # The second of them: before the first turn of a run there is no bin.
-        cells_of_period = np.flatnonzero(cells.period == usual[min(1, usual.size - 1)])
-        bin_of = np.full(sampled.samples, NO_BIN)
-        for each in cells_of_period:
-            bin_of[cells.first[each] : cells.first[each] + int(cells.count[each])] = cells.bin[each]
+        sampled = self.sampled
         weights = np.zeros((len(self.bins), sampled.samples))
         for row, own in enumerate(self.bins):
-            where = (bin_of == own.number) & (sampled.sign == own.sign)
-            if not where.any():
-                continue
+            where = (self._usual_bins == own.number) & (sampled.sign == own.sign)
             weights[row, where] = 1.0 / where.sum()
             same = sampled.sign == own.sign
             line = np.stack([same.astype(np.float64), same * sampled.time_s])
@@ -183,6 +178,18 @@ class Reducer:
         return np.array(
             [np.unique(self.cells.period[self._of_bin(each)]).size for each in self.bins], dtype=np.float64
         )
+
+    @cached_property
+    def _usual_bins(self) -> Int64Array:
+        """In which bin each sample of a usual period is, shape (samples,)."""
+        cells = self.cells
+        usual = np.flatnonzero(cells.faults[:, 0, -1] == 0)
+        # The second of them: before the first turn of a run there is no bin.
+        cells_of_period = np.flatnonzero(cells.period == usual[min(1, usual.size - 1)])
+        bin_of = np.full(cells.samples, NO_BIN)
+        for each in cells_of_period:
+            bin_of[cells.first[each] : cells.first[each] + int(cells.count[each])] = cells.bin[each]
+        return bin_of
 
     @cached_property
     def _counts(self) -> BoolArray:

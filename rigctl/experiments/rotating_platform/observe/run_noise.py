@@ -104,7 +104,7 @@ def likelihood(
     """Of what a fit has left of the outputs, shape (4, groups), and of the bins' `scatter`.
 
     `fitted` (4, groups, columns) are orthonormal columns of that fit: what of a wave lies in them is lost. Where all
-    of it does, nothing is left but rounding: that tells nothing.
+    of it does, nothing is left but rounding: that tells nothing. Raises `DataError` where what is left is no noise.
     """
     groups = series.shape[1]
     shape = (len(EXPONENTS), len(RATIOS))
@@ -147,6 +147,8 @@ def likelihood(
     if not count > 0.0:
         return Likelihood(np.zeros(shape), np.full(shape, np.nan), 0.0)
     level = power / count
+    if not (np.isfinite(level).all() and np.isfinite(cost).all() and (level > 0.0).all()):
+        raise DataError("what its fit leaves is nil or no number")
     # The white level at its best for each shape, its likelihood concentrated out.
     return Likelihood(-count * np.log(level) - cost, level, count / 4.0)
 

@@ -20,6 +20,7 @@ from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra, s
 from rigctl.experiments.rotating_platform.observe.lines import line_amplitudes, refined, without_lines
 from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
 from rigctl.experiments.rotating_platform.observe.recorded import COMMANDS, Chains, chains, guards_of
+from rigctl.experiments.rotating_platform.observe.recorded_turns import check_turns
 
 VERSION = 14
 """Of what is kept: counted up whenever cutter.py would give other numbers."""
@@ -170,6 +171,7 @@ def _cells(source: RunSource, record: RunRecord, believed: Chains, lines_hz: Seq
         if lines_hz:
             # A second pass: how large a line is shows in what the fits of the first have left.
             found = cells(samples_of(source, PlatformRun(record.run_id, given, found), lines_hz))
+        check_turns(found, str(given["pattern"]), float(given["modulation_period_s"]))
     except DataError as error:
         raise DataError(f"run {record.run_id}: {error}") from error
     return found
