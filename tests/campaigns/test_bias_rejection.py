@@ -21,7 +21,7 @@ from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import ConfigError, InstrumentError, LimitError
+from rigctl.core.errors import ConfigError, InstrumentError, LimitError, ProcedureError
 from rigctl.experiments.rotating_platform.analysis import result
 from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
 from rigctl.files.campaign_file import read_campaign
@@ -670,5 +670,5 @@ def test_a_further_campaign_uses_the_patterns_its_store_began_with(made: Callabl
     (tmp_path / "other.toml").write_text(
         CUSTOM.replace("[1, 48.0, 60.0]", "[1, 48.5, 60.0]").replace('"linear"', '"nothing"')
     )
-    with pytest.raises(ConfigError, match="did not begin with these custom patterns; run them into a new store"):
+    with pytest.raises(ProcedureError, match="did not begin with these custom patterns; run them into a new store"):
         runner.extend(store, read_campaign(tmp_path / "other.toml"), options)

@@ -13,7 +13,7 @@ from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import DataError
+from rigctl.core.errors import StorageError
 from rigctl.workbench.model import versions
 from rigctl.workbench.verdict import compare, fit
 from rigctl.workbench.verdict.account import account_of, recalled
@@ -158,7 +158,7 @@ def test_a_full_disk_keeps_nobody_from_a_comparison(
     store = Path(shutil.copy(seasons, tmp_path))
 
     def full(*_: object) -> int:
-        raise DataError("no space left")
+        raise StorageError("no space left")
 
     for kept in ("kept_comparison", "kept_account"):
         monkeypatch.setattr(versions, kept, lambda *_: None)
