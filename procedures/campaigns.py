@@ -101,6 +101,10 @@ class Plan(Protocol):
         """What the recording's header keeps of it beside the campaign file: keys of `Header.extra`."""
         return {}
 
+    def require_goes_on(self, store: Store) -> None:
+        """`ConfigError` for a finished store that this cannot be a further campaign of."""
+        del store
+
     def by(self, workers: Workers) -> Plan:
         """The same work, done by others: what is found is the same. `ConfigError` where instruments do it."""
         del workers

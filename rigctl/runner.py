@@ -105,6 +105,7 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, mounted, _brought(campaign, plugins))
         plan = _plan(campaign, part, plugins, options.workers)
+        plan.require_goes_on(store)
         with _reopened(store, plan, campaign, part, options) as (rig, work, control, began_s):
             # Only with the rig in our hands: a further campaign that could not begin must not be kept as begun.
             begin_part(store, part, began_s)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from procedures.campaigns import Instruments
+from procedures.campaigns import Instruments, Plan
 from procedures.rotating_platform import bias_rejection
 from procedures.rotating_platform.bench import PlatformBench
 from procedures.rotating_platform.tables import ListedRun, Procedure
@@ -25,7 +25,7 @@ __all__ = ["allowed", "channels", "further", "mounted", "plan"]
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _Plan(Plan):
     """A plan of the procedures, waiting for its rig."""
 
     plan: bias_rejection.Plan
@@ -56,6 +56,15 @@ class _Plan:
         dwells = self.plan.custom_dwells
         return {"patterns": dwells} if dwells else {}
 
+    def require_goes_on(self, store: Store) -> None:
+        """A recording's custom patterns are those it began with: a later campaign can only use them again."""
+        kept, wanted = (
+            set(zip(*columns.values(), strict=True))
+            for columns in (store.header.extra.get("patterns", {}), self.plan.custom_dwells)
+        )
+        if not wanted <= kept:
+            raise ConfigError(f"{store.path}: it did not begin with these custom patterns; run them into a new store")
+
 
 @dataclass(frozen=True)
 class _Work:
@@ -65,17 +74,7 @@ class _Work:
     plan: bias_rejection.Plan
 
     def run(self, session: Session) -> None:
-        self._require_patterns(session.store)
         bias_rejection.run(session, self.bench, self.plan)
-
-    def _require_patterns(self, store: Store) -> None:
-        """A recording's custom patterns are those it began with: a later campaign can only use them again."""
-        kept, wanted = (
-            set(zip(*columns.values(), strict=True))
-            for columns in (store.header.extra.get("patterns", {}), self.plan.custom_dwells)
-        )
-        if not wanted <= kept:
-            raise ConfigError(f"{store.path}: it did not begin with these custom patterns; run them into a new store")
 
     def rest(self) -> None:
         self.bench.rest()

@@ -17,11 +17,13 @@ from drivers.keysight_34465a import PacedVoltmeter, PacingVoltmeter
 from rigctl import runner
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.status import status_of
+from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import ConfigError, InstrumentError, LimitError, ProcedureError
+from rigctl.core.errors import ConfigError, InstrumentError, LimitError
+from rigctl.core.workers import Workers
 from rigctl.experiments.rotating_platform.analysis import result
 from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
 from rigctl.files.campaign_file import read_campaign
@@ -670,5 +672,14 @@ def test_a_further_campaign_uses_the_patterns_its_store_began_with(made: Callabl
     (tmp_path / "other.toml").write_text(
         CUSTOM.replace("[1, 48.0, 60.0]", "[1, 48.5, 60.0]").replace('"linear"', '"nothing"')
     )
-    with pytest.raises(ProcedureError, match="did not begin with these custom patterns; run them into a new store"):
+    with pytest.raises(ConfigError, match="did not begin with these custom patterns; run them into a new store"):
         runner.extend(store, read_campaign(tmp_path / "other.toml"), options)
+    with Store.open(store, readonly=True) as kept:
+        assert (kept.status()["state"], len(parts_of(kept))) == ("done", 2)
+
+
+def test_work_that_instruments_do_is_not_given_to_other_processes(campaigns: Path, tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(SMALL)
+    campaign = read_campaign(tmp_path / "campaign.toml")
+    with pytest.raises(ConfigError, match="instruments do the work of this campaign; leave out --workers"):
+        runner.dry_run(campaign, read_rig(campaigns / RIG), workers=Workers(2))
