@@ -10,7 +10,7 @@ from pathlib import Path
 from rigctl.campaign.store.place import can_be_written
 from rigctl.campaign.store.store import Store
 from rigctl.core.experiments import experiment_named
-from rigctl.effects.plugins import Plugin
+from rigctl.effects.plugins import Files, Plugin, paths_of
 from rigctl.experiments.analysis import analysis_of
 from rigctl.workbench.study import Allowed, Study
 from rigctl.workbench.workbench import Workbench
@@ -22,16 +22,14 @@ def workbench_of(store: Store, plugins: Sequence[Path] = ()) -> Workbench:
 
 
 @contextmanager
-def opened_workbench(
-    store: Path | str, plugins: Sequence[Path | str] = (), *, readonly: bool | None = None
-) -> Iterator[Workbench]:
+def opened_workbench(store: Path | str, plugins: Files = (), *, readonly: bool | None = None) -> Iterator[Workbench]:
     """The workbench of the store at a path, which is closed at the end.
 
     By default it keeps what it works out where the store can be written; `readonly` False is for who changes it.
     """
     path = Path(store)
     with Store.open(path, readonly=not can_be_written(path) if readonly is None else readonly) as opened:
-        yield workbench_of(opened, tuple(map(Path, plugins)))
+        yield workbench_of(opened, paths_of(plugins))
 
 
 def study_of(store: Store, plugins: Sequence[Plugin] = ()) -> Study:

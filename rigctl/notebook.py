@@ -10,6 +10,7 @@ from rigctl import runner
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
+from rigctl.effects.plugins import Files, paths_of
 from rigctl.exchange.frames import run_dataset, runs_frame
 from rigctl.experiments.analysis import Result, analysis_of, measurement_result_of
 from rigctl.files.campaign_file import read_campaign
@@ -48,9 +49,9 @@ class Campaign:
         rows = [[self.file.title, self.file.experiment, str(self.file.path), str(self.rig_file.path)]]
         return html.table(ResultTable("Campaign", ["title", "experiment", "campaign file", "rig file"], rows))
 
-    def dry_run(self, plugins: Sequence[Path | str] = ()) -> dict[str, Any]:
+    def dry_run(self, plugins: Files = ()) -> dict[str, Any]:
         """What would be done, checked against the rig's limits."""
-        return runner.dry_run(self.file, self.rig_file, _paths(plugins))
+        return runner.dry_run(self.file, self.rig_file, paths_of(plugins))
 
     def run(
         self,
@@ -58,7 +59,7 @@ class Campaign:
         *,
         unattended: bool = False,
         seed: int | None = None,
-        plugins: Sequence[Path | str] = (),
+        plugins: Files = (),
         unchecked: bool = False,
     ) -> Result:
         """Run into a new store and return the result; blocks until the campaign ends.
@@ -66,14 +67,14 @@ class Campaign:
         `unattended`: the simulated operator answers; `unchecked`: also with real instruments that `rigctl check` has
         not passed. Raises what the command would report.
         """
-        options = runner.Options(unattended=unattended, seed=seed, plugins=_paths(plugins), unchecked=unchecked)
+        options = runner.Options(unattended=unattended, seed=seed, plugins=paths_of(plugins), unchecked=unchecked)
         runner.start(self.file, self.rig_file, Path(store), options)
         return self.result(store, plugins)
 
     @staticmethod
-    def resume(store: Path | str, *, unattended: bool = False, plugins: Sequence[Path | str] = ()) -> Result:
+    def resume(store: Path | str, *, unattended: bool = False, plugins: Files = ()) -> Result:
         """Go on with an interrupted campaign; what is recorded is not measured again."""
-        runner.resume(Path(store), runner.Options(unattended=unattended, plugins=_paths(plugins)))
+        runner.resume(Path(store), runner.Options(unattended=unattended, plugins=paths_of(plugins)))
         return Campaign.result(store, plugins)
 
     @staticmethod
@@ -82,7 +83,7 @@ class Campaign:
         return status_of(Path(store))
 
     @staticmethod
-    def result(store: Path | str, plugins: Sequence[Path | str] = ()) -> Result:
+    def result(store: Path | str, plugins: Files = ()) -> Result:
         """What a store amounts to by its experiment: sensing axes, a platform's accelerations, ten parameters.
 
         `DataError` or `ProcedureError` when the runs do not yet give it.
@@ -91,7 +92,7 @@ class Campaign:
             return analysis_of(workbench.store.header.experiment, workbench.store.path).analyse(workbench)
 
     @staticmethod
-    def measured(store: Path | str, plugins: Sequence[Path | str] = ()) -> ShownMeasurement:
+    def measured(store: Path | str, plugins: Files = ()) -> ShownMeasurement:
         """What a certificate of a store certifies: quantities, and every source of their uncertainty.
 
         `rigctl.exchange.uncertain_numbers` makes numbers of `uncertainties` or `GTC` of it.
@@ -100,7 +101,7 @@ class Campaign:
             return shown_measurement(measurement_result_of(workbench))
 
     @staticmethod
-    def show(store: Path | str, plugins: Sequence[Path | str] = ()) -> ShownResult:
+    def show(store: Path | str, plugins: Files = ()) -> ShownResult:
         """The tables and figures of a store's result, as a report has them, in a notebook."""
         with opened_workbench(store, plugins) as workbench:
             return shown_result(workbench)
@@ -118,41 +119,42 @@ class Campaign:
             return run_dataset(opened, run_id)
 
     @staticmethod
-    def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> ShownComparison:
+    def compare(store: Path | str, plugins: Files = ()) -> ShownComparison:
         """A store's current model beside its data: where does it fail?"""
         with opened_workbench(store, plugins) as workbench:
             return shown_comparison(workbench.compare())
 
     @staticmethod
-    def diagnose(store: Path | str, *, alpha: float = ALPHA, plugins: Sequence[Path | str] = ()) -> ShownDiagnosis:
+    def diagnose(store: Path | str, *, alpha: float = ALPHA, plugins: Files = ()) -> ShownDiagnosis:
         """Which physical effect is missing? Adds nothing."""
         with opened_workbench(store, plugins) as workbench:
             return shown_diagnosis(workbench.diagnose(alpha))
 
     @staticmethod
-    def add(store: Path | str, *effects: str, plugins: Sequence[Path | str] = ()) -> list[ModelVersion]:
+    def add(store: Path | str, *effects: str | Sequence[str], plugins: Files = ()) -> list[ModelVersion]:
         """Add effects to a store's model, one new version each."""
         with opened_workbench(store, plugins, readonly=False) as workbench:
-            return workbench.add(effects)
+            return workbench.add(_names(effects))
 
     @staticmethod
-    def remove(store: Path | str, *effects: str) -> list[ModelVersion]:
+    def remove(store: Path | str, *effects: str | Sequence[str]) -> list[ModelVersion]:
         """Take effects out of a store's model, one new version each."""
         with opened_workbench(store, readonly=False) as workbench:
-            return workbench.remove(effects)
+            return workbench.remove(_names(effects))
 
     @staticmethod
-    def fit(store: Path | str, plugins: Sequence[Path | str] = ()) -> ShownFit:
+    def fit(store: Path | str, plugins: Files = ()) -> ShownFit:
         """A store's current model, fitted."""
         with opened_workbench(store, plugins) as workbench:
             return shown_fit(workbench.fit())
 
     @staticmethod
-    def history(store: Path | str, plugins: Sequence[Path | str] = ()) -> Ladder:
+    def history(store: Path | str, plugins: Files = ()) -> Ladder:
         """The error ladder, as `rigctl model history --json` gives it."""
         with opened_workbench(store, plugins) as workbench:
             return Ladder(workbench.history())
 
 
-def _paths(plugins: Sequence[Path | str]) -> tuple[Path, ...]:
-    return tuple(Path(plugin) for plugin in plugins)
+def _names(effects: Sequence[str | Sequence[str]]) -> list[str]:
+    """Of effects that were given one by one, or together."""
+    return [name for each in effects for name in ([each] if isinstance(each, str) else each)]

@@ -13,6 +13,7 @@ from typing import Any
 
 from procedures.campaigns import Plan, Work, campaigns_of, plan_of
 from rigctl.campaign.item import ITEM, item_of
+from rigctl.campaign.layout import layout_of
 from rigctl.campaign.origin import rig_file_of, truth_path
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import locks, rig_time
@@ -180,7 +181,13 @@ def dry_run(
     rig = Rig(rig_file)
     _work(plan, rig, campaign)
     forecast = dict(plan.forecast(rig))
-    warnings = [*rig_file.warnings, *(f"{campaign.path}: {each}" for each in forecast.pop("warnings", ()))]
+    layout = layout_of(campaign.experiment)
+    doubts = layout.doubt_of_constants(rig_file.constants) if layout else ()
+    warnings = [
+        *rig_file.warnings,
+        *(f"{rig_file.path}: constants.{name} {doubt}" for name, doubt in doubts),
+        *(f"{campaign.path}: {each}" for each in forecast.pop("warnings", ())),
+    ]
     return {
         "experiment": campaign.experiment,
         "procedure": campaign.procedure.get("name", ""),

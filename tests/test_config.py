@@ -263,6 +263,12 @@ def test_a_certificate_that_no_budget_reads_is_warned_of(tmp_path: Path) -> None
     assert "warnings" not in runner.dry_run(campaign, read_rig(campaign.rig_path))
 
 
+def test_a_constant_of_the_rig_that_no_result_reads_is_warned_of() -> None:
+    rig = parse_rig(changed(RIG, "constants", g_ms2={"value": 9.803, "u": 1e-3}), Path("rig.toml"))
+    (warning,) = runner.dry_run(read_campaign(CAMPAIGNS / "isa-flight-model.toml"), rig)["warnings"]
+    assert warning.startswith("rig.toml: constants.g_ms2 is read by no result of this experiment; those read are g_m")
+
+
 @pytest.mark.parametrize(
     ("entries", "warning"),
     [

@@ -113,6 +113,16 @@ def test_a_ladder_falls_in_table_figure_and_frame(curved: Path) -> None:
     assert [row.version for row in ladder.plot().rows] == [1, 2]
 
 
+def test_names_are_taken_together_or_one_by_one_and_a_path_is_a_path_in_words_too(cell: Path, tmp_path: Path) -> None:
+    names = [["power2[load_lb]"], "power3[load_lb]"]
+    store = str(shutil.copy(cell, tmp_path))
+    added = Campaign.add(store, *names)
+    assert [version.terms[-1].effect for version in added] == ["power2[load_lb]", "power3[load_lb]"]
+    with rigctl.Store.open(store, readonly=True) as opened:
+        assert str(opened.path) == store
+    assert [len(version.terms) for version in Campaign.remove(store, names[0])] == [1]
+
+
 def test_a_fit_and_what_is_measured_are_tables(curved: Path) -> None:
     fit, measured = Campaign.fit(curved), Campaign.measured(curved)
     assert "<td>b1</td>" in _shows(fit)

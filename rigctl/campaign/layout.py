@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,6 +75,7 @@ class Layout:
     time [s] a run must at least last. `units_of` compares what was asked for with what the samples show.
     `handles_missing`: the analysis masks gaps and missing samples itself. `patterns`: custom ones in patterns.csv.
     `own_clocks`: the analysis takes channels that have clocks of their own.
+    `constants` are those that a result needs, `other_constants` those that it takes into account.
     """
 
     fields: Mapping[str, Field]
@@ -83,9 +84,17 @@ class Layout:
     period_of: Callable[[Mapping[str, Any]], float] = lambda _: 0.0
     units_of: Callable[[Mapping[str, Any], Columns, Mapping[str, float]], UnitFindings] = lambda *_: UnitFindings()
     constants: tuple[str, ...] = ()
+    other_constants: tuple[str, ...] = ()
     handles_missing: bool = False
     patterns: bool = False
     own_clocks: bool = False
+
+    def doubt_of_constants(self, names: Iterable[str]) -> Iterator[tuple[str, str]]:
+        """Of names of constants those that no result reads, each with what is strange about it: a slip of the pen?"""
+        read = (*self.constants, *self.other_constants)
+        for name in names:
+            if name not in read:
+                yield name, f"is read by no result of this experiment; those read are {', '.join(read)}"
 
 
 def number(text: str) -> float:

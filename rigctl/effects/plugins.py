@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import inspect
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,14 @@ from rigctl.effects.catalogue import SCOPES, Effect, catalogue, described, exper
 from rigctl.effects.plugin_code import effects_of, executed
 from rigctl.effects.rehearsal import rehearse
 from rigctl.effects.trial import flaw_of_function
+
+Files = Path | str | Sequence[Path | str]
+"""One file of effects, or several."""
+
+
+def paths_of(files: Files) -> tuple[Path, ...]:
+    """Of these, the paths."""
+    return (Path(files),) if isinstance(files, Path | str) else tuple(map(Path, files))
 
 
 def flaw_of_declaration(effect: Effect) -> str | None:

@@ -104,6 +104,15 @@ def test_files_and_channels_nobody_asked_for_are_said(sensing):
     )
 
 
+def test_a_constant_that_no_result_reads_is_said(sensing):
+    sensing.toml = sensing.toml.replace("[constants]", "[constants]\ng_ms2 = 9.81")
+    (warning,) = read_bundle(sensing.write()).report.warnings
+    assert warning == (
+        f"{sensing.path}/recording.toml: [constants] g_ms2 is read by no result of this experiment; "
+        "those read are g_m_s2, gain_v_per_m_s2"
+    )
+
+
 def test_number_spoilt_in_a_column_of_one_s_own_is_said(sensing):
     sensing.set("runs.csv", 3, "pressure_hpa", "n/a")
     recording = read_bundle(sensing.write())

@@ -252,6 +252,8 @@ class BundleReader:
         for name, value in self.header.constants.items():
             if doubt := doubt_of_constant(name, value):
                 self._warnings.append(str(place.error(f"[constants] {name} {doubt}")))
+        for name, doubt in layout.doubt_of_constants(self.header.constants):
+            self._warnings.append(str(place.error(f"[constants] {name} {doubt}")))
         for name in layout.constants:
             if name not in self.header.constants:
                 self._warnings.append(str(place.error(f"[constants] has no {name}; add it before you fit")))

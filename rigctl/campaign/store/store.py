@@ -44,18 +44,20 @@ class Store:
         self.header = _header(self._rows)
 
     @classmethod
-    def create(cls, path: Path, header: Header) -> Store:
+    def create(cls, path: Path | str, header: Header) -> Store:
         """A new campaign file, whole from the moment it is there; `DataError` if `path` exists or cannot be made."""
+        path = Path(path)
         create_file(path, header)
         return cls.open(path)
 
     @classmethod
-    def open(cls, path: Path, *, readonly: bool = False) -> Store:
+    def open(cls, path: Path | str, *, readonly: bool = False) -> Store:
         """An existing campaign file, brought to the current schema unless `readonly`.
 
         `DataError` when it is missing, not a store, or of a newer schema; `DamagedStore` when it is not what was
         written.
         """
+        path = Path(path)
         connection = open_file(path, readonly=readonly)
         try:
             return cls(path, connection)

@@ -61,6 +61,7 @@ COLUMNS = Layout(
     samples_of=lambda _: ("t_s", STAGE, ACCEL),
     period_of=_period_s,
     units_of=_units,
+    other_constants=("g_m_s2",),
     own_clocks=True,
 )
 """`direction` +1: the sensing axis along the stage's positive travel; -1: against it."""

@@ -95,5 +95,6 @@ COLUMNS = Layout(
     units_of=_units,
     period_of=_injected_period,
     constants=("orbit_period_s", "eccentricity"),
+    other_constants=("tracker_bias_rad", "coupling_rad"),
     handles_missing=True,
 )

@@ -93,6 +93,7 @@ COLUMNS = Layout(
         "gain_dm1_y_v_per_m_s2",
         "gain_dm1_z_v_per_m_s2",
     ),
+    other_constants=("bias_q_a_v", "bias_q_b_v", "amplifier_q_a_v_per_v", "amplifier_q_b_v_per_v"),
     handles_missing=True,
     patterns=True,
 )

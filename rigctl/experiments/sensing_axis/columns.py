@@ -65,5 +65,6 @@ COLUMNS = Layout(
     samples_of=lambda _: ("t_s", "stage_x_mm", "accel_v"),
     units_of=_units,
     period_of=lambda run: 1 / float(run["frequency_hz"]),
+    other_constants=("g_m_s2", "gain_v_per_m_s2"),
     own_clocks=True,
 )
