@@ -31,8 +31,7 @@ class Found:
 
     def attempt_if_fit(self, terms: Sequence[Term]) -> Any:
         error = self.errors["".join(sorted(term.effect for term in terms))]
-        held_out = SimpleNamespace(error=lambda: error)
-        return SimpleNamespace(error=lambda: error, held_out=held_out, result=SimpleNamespace(chi2=error**2))
+        return SimpleNamespace(error=lambda: error, held_out_error=error, result=SimpleNamespace(chi2=error**2))
 
 
 def errors(with_a_and_b: float) -> dict[str, float]:

@@ -10,6 +10,7 @@ import pytest
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.workbench.study import Line, Term
+from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.rivals import rivals_of
 from rigctl.workbench.verdict.score import contained, likeness
@@ -312,3 +313,28 @@ def test_an_effect_nobody_knows_is_refused_by_the_study(made_up: Any) -> None:
 
     with pytest.raises(ConfigError, match="no effect phlogiston"):
         searched(Strict(**vars(made_up.study(1))), (Term("phlogiston"),))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_was_let_go_is_worked_out_again_to_the_last_bit(
+    made_up: Any, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found() -> str:
+        study = made_up.study(seed, {"lag": 12.0, "hysteresis": 9.0})
+        return repr(diagnose(study, ()))
+
+    kept = found()
+    monkeypatch.setattr("rigctl.workbench.verdict.search._NUMBERS_WHOLE", 0)
+    monkeypatch.setattr("rigctl.workbench.verdict.search._LEAST_WHOLE", 1)
+    assert found() == kept
+
+
+def test_a_search_keeps_the_derivatives_of_the_last_models_alone(
+    made_up: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rigctl.workbench.verdict.search._NUMBERS_WHOLE", 0)
+    search = Search(made_up.study(1), (), 0.01, 0, lambda _: None)
+    attempts = [search.attempt([Term(name)]) for name in ("roll", "pitch", "square", "lag", "hysteresis")]
+    data = len(attempts[0].result.residuals)
+    assert [len(each.result.jacobian) for each in attempts] == [0, 0, data, data, data]
+    assert all(each.scored and len(each.jacobian) == data for each in attempts)

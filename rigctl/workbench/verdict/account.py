@@ -131,12 +131,10 @@ def account_of(
 def _searched(study: Study, joint: Sequence[Term], seed: int, progress: Callable[[str], None] | None) -> Account:
     """The account of a model with these terms and what a search finds beside them."""
     shared = Shared()
-    search = Search(study, joint, LEVEL, seed, progress or (lambda _: None), shared=shared)
-    first = search.attempt(search.given)
-    if not first.estimator.from_scatter:
-        return Account(first, None, _shared=shared)
-    search.run()
-    account, sets = _account_with(study, joint, search.found, search, shared), [search.found]
+    account, found = _first(study, joint, seed, progress, shared)
+    if account.known is None:
+        return account
+    sets = [found]
     for _ in range(ROUNDS):
         again = account.search(study, joint, seed=seed, progress=progress, fitted=account.attempt(study, joint))
         # What is not needed beside the others is no part of the account, unless without it it is found again.
@@ -145,6 +143,18 @@ def _searched(study: Study, joint: Sequence[Term], seed: int, progress: Callable
         account = _account_with(study, joint, again.found, again, shared)
         sets.append(again.found)
     return account
+
+
+def _first(
+    study: Study, joint: Sequence[Term], seed: int, progress: Callable[[str], None] | None, shared: Shared
+) -> tuple[Account, tuple[Term, ...]]:
+    """The account of what is found where every model is judged by the noise that it leaves, and what that is."""
+    search = Search(study, joint, LEVEL, seed, progress or (lambda _: None), shared=shared)
+    first = search.attempt(search.given)
+    if not first.estimator.from_scatter:
+        return Account(first, None, _shared=shared), ()
+    search.run()
+    return _account_with(study, joint, search.found, search, shared), search.found
 
 
 def _account_with(

@@ -28,8 +28,9 @@ def equivalent_effects(attempt: Attempt, scored: Scored) -> list[str]:
     """Effects these data cannot tell from this one, and parameters of the baseline that absorb it."""
     if not scored.score.dimension:
         return list(_absorbers(attempt, scored))
-    place = next(i for i, each in enumerate(attempt.scored) if each is scored)
-    return [attempt.scored[i].candidate.term.effect for i in _alike(attempt, place)]
+    effects = [each.candidate.term.effect for each in attempt.scored]
+    place = effects.index(scored.candidate.term.effect)
+    return [effects[i] for i in _alike(attempt, place)]
 
 
 def _alike(attempt: Attempt, place: int) -> list[int]:

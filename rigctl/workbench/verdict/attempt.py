@@ -103,6 +103,9 @@ class Attempt(FittedModel):
         self._questions = Questions(study, model, first.result.values)
         self.family_of = families_of(study)
         self._shared = shared or Shared()
+        self._dofs: dict[str, float] = {}
+        self._scored_effects: dict[str, Scored] = {}
+        self._asked_alone: set[str] = set()
         self.generic = self._shared.generic(given)
         if known is not None and noise is not None:
             self.estimator, fits = known.estimator, [first]
@@ -126,6 +129,14 @@ class Attempt(FittedModel):
         for name in ("noise_beside_fit", "uncertainty"):
             made.__dict__.pop(name, None)
         return made
+
+    def let_go(self) -> None:
+        """Keep nothing as long as several columns of the data but what was asked of single effects."""
+        super().let_go()
+        self._questions.let_go()
+        for name in ("weights", "scored", "_scoring", "_scored", "_made", "_sketched"):
+            self.__dict__.pop(name, None)
+        self._scored_effects = {k: scored for k, scored in self._scored_effects.items() if k in self._asked_alone}
 
     @property
     def candidates(self) -> list[Candidate]:
@@ -198,19 +209,21 @@ class Attempt(FittedModel):
 
         What stands out is looked for between the values of the scan too.
         """
-        found = [self.scored_effect(effect) for effect in self._questions.groups]
+        found = [self._scored_effect(effect) for effect in self._questions.groups]
         self._scoring.done()
         return [scored for scored in found if scored is not None]
 
     def scored_effect(self, effect: str) -> Scored | None:
         """The candidate of one effect, scored when it is asked for; None where it is none."""
+        found = self._scored_effect(effect)
+        if found is not None:
+            self._asked_alone.add(effect)
+        return found
+
+    def _scored_effect(self, effect: str) -> Scored | None:
         if effect not in self._scored_effects and self._questions.of(effect):
             self._scored_effects[effect] = self._refined(self._best_choice(effect))
         return self._scored_effects.get(effect)
-
-    @cached_property
-    def _scored_effects(self) -> dict[str, Scored]:
-        return {}
 
     def _best_choice(self, effect: str) -> Scored:
         price = float(np.log(len(self.result.residuals)))
@@ -246,7 +259,9 @@ class Attempt(FittedModel):
 
     def dof_of(self, effect: str) -> float:
         """Degrees of freedom of the noise that the test of a candidate meets; infinite for what is none."""
-        return self._best_choice(effect).score.dof if self._questions.of(effect) else np.inf
+        if effect not in self._dofs:
+            self._dofs[effect] = self._best_choice(effect).score.dof if self._questions.of(effect) else np.inf
+        return self._dofs[effect]
 
     @cached_property
     def likeness_bounds(self) -> FloatArray:

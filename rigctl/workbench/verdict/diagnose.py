@@ -154,7 +154,7 @@ def _errors(attempt: Attempt) -> tuple[float, ...]:
     rms = rms_by_channel(attempt)
     # Of several channels an effect need not lower each.
     in_unit = [each.value for each in rms.values()] if len(rms) == 1 else []
-    return attempt.error(), attempt.held_out.error(), *in_unit
+    return attempt.error(), attempt.held_out_error, *in_unit
 
 
 def _greedily(search: Search, terms: Sequence[Term]) -> tuple[Term, ...]:
@@ -193,7 +193,7 @@ def _steps(search: Search) -> list[Step]:
                 attempt.result.chi2_per_dof,
                 attempt.chi2_p_value(),
                 attempt.error(),
-                attempt.held_out.error(),
+                attempt.held_out_error,
             )
         )
     return steps

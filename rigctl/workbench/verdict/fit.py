@@ -52,7 +52,7 @@ def fitted(
         dof=result.dof,
         p_value=adequacy(attempt, account) if p_value is None else p_value,
         error_fit=attempt.error(),
-        error_held_out=attempt.held_out.error(),
+        error_held_out=attempt.held_out_error,
         residuals=attempt.whitened(),
         result=attempt.study.result(attempt.model, result.values, attempt.uncertainty.covariance),
         rms=rms_by_channel(attempt),

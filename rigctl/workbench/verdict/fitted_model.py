@@ -86,6 +86,20 @@ class FittedModel:
         """W (data - model), shape (n,): unit variance where the model is right."""
         return self.result.residuals
 
+    def let_go(self) -> None:
+        """Keep nothing as long as several columns of the data; what is asked again is worked out again, the same."""
+        self.result = replace(self.result, jacobian=self.result.jacobian[:0].copy())
+        for name in ("slopes", "projector", "held_out"):
+            self.__dict__.pop(name, None)
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """d (whitened model) / d parameters, shape (n, m)."""
+        of_fit = self.result.jacobian
+        if len(of_fit) == len(self.result.residuals):
+            return of_fit
+        return self.noise.whiten(self.model.jacobian(self.result.values))
+
     @property
     def jacobian(self) -> FloatArray:
         """d (whitened model) / d parameters with the priors' rows below the data, shape (n + priors, m)."""
@@ -95,11 +109,11 @@ class FittedModel:
             if each.prior is not None and not each.fixed
         ]
         if not priors:
-            return self.result.jacobian
+            return self.slopes
         below = np.zeros((len(priors), len(self.model.parameters)), order="F")
         for row, (column, sigma) in enumerate(priors):
             below[row, column] = 1.0 / sigma
-        return np.vstack([self.result.jacobian, below])
+        return np.vstack([self.slopes, below])
 
     @cached_property
     def left(self) -> FloatArray:
@@ -162,6 +176,11 @@ class FittedModel:
     def held_out(self) -> HeldOut:
         """The blocks, each predicted from the others."""
         return HeldOut(self.model.observations, self.projector.basis, self.projector.left)
+
+    @cached_property
+    def held_out_error(self) -> float:
+        """Rms of what is left in units of the noise of blocks that the others predict; NaN where none can."""
+        return self.held_out.error()
 
     @property
     def uncertainty(self) -> Uncertainty:

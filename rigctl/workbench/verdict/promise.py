@@ -41,7 +41,7 @@ def warnings(attempt: Attempt, parent: Attempt | None, promised: Mapping[str, fl
     # One noise for both, the account's, so that the errors compare.
     if parent is not None and rise_beyond_chance(attempt.held_out, parent.held_out) > _STANDARD_ERRORS:
         sentences.append(
-            f"the error on runs held out rises from {parent.held_out.error():.4g} to {attempt.held_out.error():.4g}, "
+            f"the error on runs held out rises from {parent.held_out_error:.4g} to {attempt.held_out_error:.4g}, "
             "by more than its standard error: the term predicts nothing"
         )
     return sentences

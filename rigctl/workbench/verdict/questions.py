@@ -36,6 +36,11 @@ class Questions:
             return self
         return Questions(self._study, self._model, values)
 
+    def let_go(self) -> None:
+        """Keep no candidate; those that are asked for again are made again, the same."""
+        self.__dict__.pop("_asked", None)
+        self._one_by_one = {}
+
     @property
     def candidates(self) -> list[Candidate]:
         """Every effect that the model lacks, one per choice."""

@@ -46,6 +46,9 @@ REFITTED = 4
 _NUMBERS_KEPT, _LEAST_KEPT = 3_000_000, 3
 """Data of models that are kept, and the least number of models."""
 
+_NUMBERS_WHOLE, _LEAST_WHOLE = 200_000, 3
+"""The same of models that are kept with their derivatives and all that was scored beside them."""
+
 Progress = Callable[[str], None]
 
 
@@ -99,6 +102,7 @@ class Search:
         if key in self._attempts:
             # The last asked for is the last to go.
             self._attempts[key] = self._attempts.pop(key)
+            self._forget()
         else:
             start, fitted = self._start(terms), self._cheapest.pop(key, None)
             self.adopt(Attempt(self.study, terms, self.seed, self._shared, start, self._known, fitted=fitted))
@@ -119,10 +123,12 @@ class Search:
 
     def _forget(self) -> None:
         """Models of long tables that were not asked for lately: a fit is made again in less than a second or two."""
-        first = next(iter(self._attempts.values()))
-        kept = max(_NUMBERS_KEPT // len(first.left), _LEAST_KEPT)
+        data = len(next(iter(self._attempts.values())).left)
+        kept, whole = max(_NUMBERS_KEPT // data, _LEAST_KEPT), max(_NUMBERS_WHOLE // data, _LEAST_WHOLE)
         while len(self._attempts) > kept:
             del self._attempts[next(iter(self._attempts))]
+        for each in list(self._attempts.values())[:-whole]:
+            each.let_go()
 
     def attempt_if_fit(self, terms: Sequence[Term]) -> Attempt | None:
         """The same; None for terms that these data do not determine together, or as nature never has them."""
