@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import rigctl
-from rigctl import Campaign
+from rigctl import Campaign, results
 from rigctl.campaign.bundle.bundle import import_bundle
+from rigctl.report.experiments.sensing_axis import tables
 
 ROOT = Path(__file__).parents[1]
 CAMPAIGNS = ROOT / "campaigns"
@@ -60,6 +63,14 @@ def test_a_campaign_runs_and_its_store_gives_the_same_result_again(tmp_path: Pat
     assert "<table>" in shown
     assert "<figure>" in shown
     assert result.fit.result.verdict == "converged"
+    found = results.of(store)
+    assert "±σ: by the budget; U95: its expanded uncertainty, of the larger component" in _notes(found)
+    # As `rigctl run` prints it.
+    assert "±σ: by the budget, which `rigctl result` shows" in _notes({**found, "budget": {}})
+
+
+def _notes(found: Mapping[str, Any]) -> list[str]:
+    return [note for each in tables(found, {}) for note in each.notes]
 
 
 def test_an_unknown_name_is_no_part_of_the_package() -> None:

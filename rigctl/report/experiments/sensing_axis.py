@@ -40,7 +40,8 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
     frame = "host's" if stated["host_frame"] else "cube's"
     if found["axes"]:
         verdicts = {name: _verdict(axis["pass"]) for name, axis in found["axes"].items() if stated["requirement"]}
-        shown += [_axes(found["axes"], verdicts, reference), _by_budget(found["axes"], verdicts, budgets, frame)]
+        in_frame = _in_frame(found["axes"], verdicts, budgets, frame, _told_by(found))
+        shown += [_axes(found["axes"], verdicts, reference), in_frame]
     notes = [f"axis {name}: no result: {reason}" for name, reason in found.get("missing", {}).items()]
     notes += [f"ref: {reference['source']}"] if reference.get("source") else []
     shown.append(_nulls(found["nulls"], printed=not found["axes"]))
@@ -188,8 +189,16 @@ def _axes(axes: Mapping[str, Any], verdicts: Mapping[str, str], reference: Mappi
     return ResultTable("Sensing axes in the cube's frame", columns, rows, marked, [note], "Axes")
 
 
-def _by_budget(
-    axes: Mapping[str, Any], verdicts: Mapping[str, str], budgets: Mapping[str, Any], frame: str
+def _told_by(found: Mapping[str, Any]) -> str:
+    if found.get("budget"):
+        return "±σ: by the budget; U95: its expanded uncertainty, of the larger component"
+    if found.get("host"):
+        return "±σ: by the budget, which `rigctl result` shows"
+    return "±σ: scatter and rotation into the frame"
+
+
+def _in_frame(
+    axes: Mapping[str, Any], verdicts: Mapping[str, str], budgets: Mapping[str, Any], frame: str, note: str
 ) -> ResultTable:
     """The product: axes as the host sees them, with what the rotation into its frame is uncertain by; in the cube's
     `frame` where nobody has stated how it stands in the host's."""
@@ -198,10 +207,9 @@ def _by_budget(
         expanded = f"{max(budgets[name]['expanded_95_arcsec']):.2f}" if name in budgets else ""
         rows.append([name, *_components(axis["uoaf"]), expanded, verdicts.get(name, "")])
         rows.append([" ±σ", *(f"{max(axis['uoaf_covariance'][i][i], 0.0) ** 0.5:.1e}" for i in range(3)), "", ""])
-    note = "±σ: by the budget; U95: its expanded uncertainty, of the larger component"
     columns = ["axis", "#x", "#y", "#z", "#U95 / arcsec", "verdict"]
     marked = [row[-1] == "FAIL" for row in rows]
-    notes = [note] if budgets else ["±σ: scatter and rotation into the frame; `rigctl result` has the budget"]
+    notes = [note]
     if frame != "host's":
         notes.append("nobody has stated how the cube stands in the host's frame")
     title = f"Sensing axes in the {frame} frame" + ("" if frame == "host's" else ", by the budget")
