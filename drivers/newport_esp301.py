@@ -247,7 +247,7 @@ class NewportEsp301:
         if abs(reached_deg) > self._settings.arrival_tolerance_deg:
             raise MotionStopped(
                 f"{self.name}: {search!r} ended at {reached_deg:g} deg, not at its zero, without an error; was it "
-                "stopped by hand?",
+                "stopped by hand, or does SH say another number than 0 for that place?",
                 instrument=self.name,
             )
 
