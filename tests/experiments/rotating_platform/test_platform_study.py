@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.platform_sampler import SampledRun, sampled
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import catalogue
 from rigctl.effects.plugins import load
@@ -232,6 +233,36 @@ def test_what_every_turn_leaves_behind_is_no_noise() -> None:
     frequency = np.array([3e-3, 2e-2, 1.0])
     for each, bare in zip(hidden.recorded.channels, study().recorded.channels, strict=True):
         assert each.noise(frequency) == pytest.approx(bare.noise(frequency), rel=0.3), each.run.run_id
+
+
+def swung(gain: float = 0.0, leak_per_s: float = 0.0, pressure: float = 0.0) -> PlatformStudy:
+    """Sines at the tilt's input, of which a part goes into the bias of sensor A, straight and integrated; and a
+    pressure that does."""
+
+    def spoil(number: int, samples: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        pressure_pa = 100.0 * np.cos(samples["t_s"] / (90.0 + 20.0 * number))
+        volts = samples["dm1_z_v"]
+        leaked = gain * volts + leak_per_s * np.cumsum(volts) * 0.1 + pressure * pressure_pa
+        return {**samples, "q_a_v": samples["q_a_v"] + leaked, "pressure_pa": pressure_pa}
+
+    runs = [
+        SampledRun("c", 60.0, 40, external="sine", v_z_v=1.0, external_period_s=600.0),
+        SampledRun("b", 60.0, 40, external="sine", v_z_v=1.5, external_period_s=900.0),
+        SampledRun("c", 60.0, 40, v_z_v=0.5),
+    ]
+    return PlatformStudy(sampled(PlatformSettings(kind="rotating-platform", seed=23), runs, spoil))
+
+
+@pytest.mark.parametrize("hidden", [{"gain": 0.05}, {"leak_per_s": 1e-3}, {"pressure": 1e-3}])
+def test_a_bias_that_follows_what_is_recorded_is_no_noise(hidden: dict[str, float]) -> None:
+    """It was the noise of the runs it was in, whatever its size: chi-square was that of chance."""
+    frequency = np.array([2e-3, 2e-2, 1.0])
+    leaking = swung(**hidden)
+    for each, bare in zip(leaking.recorded.channels, swung().recorded.channels, strict=True):
+        assert each.noise(frequency) == pytest.approx(bare.noise(frequency), rel=0.3), each.run.run_id
+    found = compare(leaking, ())
+    assert found.p_value < 1e-6
+    assert max(found.channels, key=lambda each: each.chi2 / each.data).channel == "m_z"
 
 
 def test_a_line_is_found_and_taken_off() -> None:

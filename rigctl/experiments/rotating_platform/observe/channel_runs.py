@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from rigctl.analysis.kept import Kept, Packed, Recipe
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.cells import GEOMETRY, Cells
+from rigctl.experiments.rotating_platform.observe.cells import GEOMETRY, STATE, Cells
 from rigctl.experiments.rotating_platform.observe.estimators import OUTPUTS
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer
@@ -27,7 +28,7 @@ from rigctl.experiments.rotating_platform.observe.run_noise import (
 )
 from rigctl.experiments.rotating_platform.observe.store_reduction import VERSION, PlatformRun
 
-_NOISE_VERSION = 2
+_NOISE_VERSION = 3
 """Of what is kept: counted up whenever `_likelihood` would give other numbers of the same cells."""
 
 _REWEIGHTED = 5
@@ -40,6 +41,8 @@ _TOLD = 0.1
 """A gain of a tilt, which is 1, is told by a run where its standard error is less."""
 _LEAST_LEVEL = 1e-3
 """Of an output's noise over that of the others, each in units of what white noise makes of it."""
+_TILTS = {STATE.index("c_z"): GEOMETRY.index("cz_cos"), STATE.index("c_y"): GEOMETRY.index("cy_cos")}
+"""Where the tilts commanded stand among `STATE`, and their products with the cosine among `GEOMETRY`."""
 _OWN_COMMAND = {"z": 0, "y": 3}
 """Which of the baseline's columns is the tilt commanded along a channel's axis."""
 
@@ -110,6 +113,32 @@ def bias_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
     return np.stack([ones, within], axis=1), np.stack([np.zeros_like(ones), spread], axis=1)
 
 
+def followed_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
+    """What a bias may follow: means and ramps, shape (cells, columns). Such a bias is an effect to be found, no noise.
+
+    Temperature, the tilts that were commanded and a laboratory's own columns, each where it varies, straight and
+    squared; of a tilt its integral too, which a leak makes a bias of.
+    """
+    state, spread = cells.state, bias_columns(cells)[1][:, 1]
+    means: list[FloatArray] = []
+    ramps: list[FloatArray] = []
+    for number in (*_TILTS, STATE.index("temperature_c"), *range(len(STATE), state.shape[1])):
+        column = state[:, number]
+        size = float(np.abs(column).max())
+        if not np.isfinite(size) or not np.ptp(column) > _SAME * size:
+            continue
+        about = (column - column.mean()) / size
+        # At rest the cosine is the sign of the dwell.
+        ramp = cells.ramps[:, _TILTS[number]] * cells.geometry[:, 0] / size if number in _TILTS else np.zeros_like(about)
+        means += [about, about**2]
+        ramps += [ramp, 2.0 * about * ramp]
+        if number in _TILTS:
+            means.append(cumulative_trapezoid(about, cells.time_s, initial=0.0))
+            ramps.append(about * spread)
+    shape = (cells.period.size, len(means))
+    return np.array(means).T.reshape(shape), np.array(ramps).T.reshape(shape)
+
+
 def _told_by(reducer: Reducer) -> Packed:
     try:
         return _likelihood(reducer).packed()
@@ -125,11 +154,9 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     cells = reducer.cells
     means, ramps = baseline_columns(cells, reducer.channel)
     bias_means, bias_ramps = bias_columns(cells)
-    warmer = cells.state[:, 2] - np.nanmean(cells.state[:, 2]) if np.isfinite(cells.state[:, 2]).all() else None
-    # A bias that follows the temperature is an effect to be found and not noise.
-    slow = [] if warmer is None or not np.ptp(warmer) > 0.0 else [warmer, warmer**2]
-    columns = np.column_stack([means, bias_means, *slow])
-    whole = np.column_stack([ramps, bias_ramps, *(np.zeros_like(each) for each in slow)])
+    followed_means, followed_ramps = followed_columns(cells)
+    columns = np.column_stack([means, bias_means, followed_means])
+    whole = np.column_stack([ramps, bias_ramps, followed_ramps])
     outputs = reducer.series(reducer.readings()[:, None])[:, :, 0]
     fitted = reducer.series(reducer.of(columns, whole))
     # Where a turn leaves something behind, every period has the same of it, but for one that begins without a turn.
