@@ -14,7 +14,7 @@ from rigctl.effects.catalogue import Effect
 from rigctl.experiments.rotating_platform.model.model import PlatformModel, slopes_at_zero, slopes_elsewhere
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.line_spectra import found_lines
-from rigctl.experiments.rotating_platform.observe.observables import TURN_CYCLES
+from rigctl.experiments.rotating_platform.observe.observables import READ, TURN_CYCLES
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.store_reduction import refined_line
 from rigctl.experiments.rotating_platform.study_data import PlatformData, RecordedRuns, options
@@ -136,10 +136,10 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
         longest_s = reduced.spectra.scan.longest_s
         lines = []
         for rough in found_lines(reduced.spectra, periods_s):
-            line = refined_line(self.source, reduced.runs, lines_hz, rough)
+            line, channel = refined_line(self.source, reduced.runs, lines_hz, rough)
             term = Term(LINE, {"frequency_hz": line.frequency_hz})
-            # The powers of both channels were summed: it is one line, told in the first channel's name.
-            lines.append(steady_line(line, term, "m_z", "m/s2", longest_s))
+            # The powers of both channels were summed: it is one line, told of the channel that shows it best.
+            lines.append(steady_line(line, term, READ[channel], "m/s2", longest_s))
         return lines
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:

@@ -29,10 +29,10 @@ def ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
     """What was suggested with its refitted size, then everything else against what is left."""
     final = search.attempt(search.terms)
     ranks = []
-    lines = {line.term.effect: line for line in search.lines}
+    lines = {line.term.key: line for line in search.lines}
     for term in search.suggested:
-        if term.effect in lines:
-            ranks.append(_rank_of_line(lines[term.effect]))
+        if term.key in lines:
+            ranks.append(_rank_of_line(lines[term.key]))
         else:
             ranks.append(_rank_of_suggested(search, final, term, rivals))
     ranks.sort(key=lambda rank: rank.p_value)

@@ -278,6 +278,34 @@ def test_a_line_is_found_and_taken_off() -> None:
     assert not hidden.lines(hidden.model((line.term,)))
 
 
+@pytest.mark.parametrize(("column", "channel", "gain"), [("q_a_v", "m_z", 846.73), ("q_b_v", "m_y", 804.32)])
+def test_a_strong_line_is_one_line_and_as_large_as_in_the_channel_that_has_it(
+    column: str, channel: str, gain: float
+) -> None:
+    """Both channels' mean told sqrt(2) too little, and side lobes were further lines."""
+
+    def spoil(_: int, samples: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {**samples, column: samples[column] + gain * 2e-5 * np.sin(2.0 * np.pi * 0.237 * samples["t_s"])}
+
+    made = sampled(PlatformSettings(kind="rotating-platform", seed=24), RUNS, spoil)
+    hidden = PlatformStudy(made)
+    (line,) = hidden.lines(hidden.model(()))
+    assert line.channel == channel
+    assert line.amplitude == pytest.approx(2e-5, abs=4.0 * line.sigma)
+    assert line.sigma < 2e-7
+
+
+def test_each_of_several_lines_is_ranked_as_itself() -> None:
+    def spoil(_: int, samples: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        waves = 2e-5 * np.sin(2.0 * np.pi * 0.237 * samples["t_s"]) + 1e-5 * np.sin(2.0 * np.pi * 1.7137 * samples["t_s"])
+        return {**samples, "q_a_v": samples["q_a_v"] + 846.73 * waves}
+
+    made = sampled(PlatformSettings(kind="rotating-platform", seed=24), RUNS, spoil)
+    ranks = [each for each in diagnose(PlatformStudy(made), ()).ranking if each.term.effect == "line"]
+    found = {round(each.parameters["frequency"].value, 3): each.parameters["amplitude"].value for each in ranks}
+    assert found == pytest.approx({0.237: 2e-5, 1.714: 1e-5}, rel=0.03)
+
+
 def test_an_effect_of_ones_own_is_fitted(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(

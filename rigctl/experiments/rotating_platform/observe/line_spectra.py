@@ -15,7 +15,7 @@ from rigctl.analysis.line_scan import MAX_BINS, FoundLine, LineScan, ScannedRun
 from rigctl.analysis.lines import vertex
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
-from rigctl.experiments.rotating_platform.observe.lines import residual_blocks
+from rigctl.experiments.rotating_platform.observe.lines import residual_blocks, size_of_line
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 
 # A level from so many bins is known to 6 %, pi / sqrt(6 * 401).
@@ -181,6 +181,8 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
     trials = float(open_.sum())
     tones = [1.0 / period_s for period_s in set(periods_s)]
     near_hz = _IMAGE_WIDTH / max(scan.shortest_s, 1.0)
+    beyond_noise = np.maximum(power - count, 0.0)
+    leaked = np.zeros(bins)
     kept: list[FoundLine] = []
     while len(kept) < most:
         # Among places nearly as unlikely the one with the most power beyond the noise.
@@ -190,14 +192,18 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
         if not p_value < alpha or not 0 < at < bins - 1:
             break
         kept.append(_line_at(at, p_value, halves, scan))
-        line_hz = kept[-1].frequency_hz
         for tone_hz in tones:
             # The mask repeats with the period, so a line has images whole modulation frequencies away.
-            for order in range(-_IMAGES, _IMAGES + 1):
-                apart = np.minimum(
-                    np.abs(frequency_hz - line_hz - order * tone_hz), np.abs(frequency_hz + line_hz + order * tone_hz)
-                )
-                log_p[apart < near_hz] = 0.0
+            for image_hz in np.abs(kept[-1].frequency_hz + tone_hz * np.arange(-_IMAGES, _IMAGES + 1)):
+                apart = np.abs(frequency_hz - image_hz)
+                near = apart < near_hz
+                if near.any():
+                    open_ = open_ & ~near
+                    # Farther away a record of length T shows of it 1 / (pi f T): a strong one beyond the noise.
+                    leaked += math.sqrt(float(beyond_noise[near].max())) / (np.pi * scan.shortest_s * np.maximum(apart, near_hz))
+        # A weak line so close to a strong one shows once that is taken off.
+        unexplained = np.maximum(power - leaked**2, 0.0)
+        log_p = np.where(open_, _log_tail(unexplained, np.maximum(count, 0.5)), 0.0)
     return kept
 
 
@@ -205,9 +211,7 @@ def _line_at(at: int, p_value: float, halves: FloatArray, scan: LineScan) -> Fou
     """Size and place of a line from the powers of all runs, and how well one half of them foretells the other."""
     count, power, _, inverse = halves[:, :, at].sum(axis=0)
     shift, _ = vertex(halves[:, 1, at - 1 : at + 2].sum(axis=0))
-    square = max(float((power - count) / inverse), np.finfo(float).tiny)
-    amplitude = math.sqrt(square)
-    sigma = math.sqrt(max(2.0 * power - count, count)) / float(inverse) / (2.0 * amplitude)
+    amplitude, sigma = size_of_line(float(power), float(count), float(inverse))
     left = before = 0.0
     for test, other in ((0, 1), (1, 0)):
         if halves[other, 3, at] > 0.0:

@@ -133,36 +133,54 @@ def without_lines(
 
 def refined(
     runs: Iterable[tuple[Cells, Iterable[Columns]]], chains: Chains, near_hz: float, step_hz: float
-) -> tuple[float, float]:
-    """Where a line is, from the samples of all runs, some `step_hz` about a first guess, and its amplitude.
+) -> tuple[float, dict[str, tuple[float, float]]]:
+    """Where a line is, from the samples of all runs, some `step_hz` about a first guess.
 
-    What every period gives is shifted down once; small further shifts act on the periods alone.
+    And how large it is in each channel, with its standard uncertainty [m/s2]. What every period gives is shifted down
+    once; small further shifts act on the periods alone.
     """
     apart = np.linspace(-_AROUND * step_hz, _AROUND * step_hz, 2 * _AROUND * _FINER + 1)
-    power, weight, count = np.zeros(apart.size), 0.0, 0.0
+    power = {channel: np.zeros(apart.size) for channel in CHANNELS}
+    weight, count = dict.fromkeys(CHANNELS, 0.0), 0.0
     for cells, chunks in runs:
         sums: dict[str, list[ComplexArray]] = {channel: [] for channel in CHANNELS}
-        square, kept = dict.fromkeys(CHANNELS, 0.0), 0.0
+        square, seen = dict.fromkeys(CHANNELS, 0.0), 0.0
         for block in residual_blocks(chunks, chains, cells):
             down = np.exp(-2j * np.pi * near_hz * block.time_s)
             for channel in CHANNELS:
                 left = block.left[channel]
                 sums[channel].append((left * down).reshape(len(block.whole), -1).sum(axis=1))
                 square[channel] += float(left @ left)
-            kept += float(block.kept.sum() * block.whole.sum())
+            # What the fits of the periods take of a wave is not seen of it.
+            seen += float(np.sum(block.project(_waves(block.time_s, [near_hz])) ** 2))
+        count += 1.0
         for channel in CHANNELS:
             each = np.concatenate([np.zeros(0, dtype=np.complex128), *sums[channel]])
             middle_s = (np.arange(each.size) + 0.5) * cells.period_s
             shifted = np.exp(-2j * np.pi * np.outer(apart, middle_s)) @ each
             # In units of each run's noise: quiet runs tell more.
-            power += np.abs(shifted) ** 2 / max(square[channel], np.finfo(float).tiny)
+            noise = max(square[channel], np.finfo(float).tiny)
+            power[channel] += np.abs(shifted) ** 2 / noise
             # An amplitude's noise is that of the sum over half the samples.
-            weight += 0.25 * kept**2 / max(square[channel], np.finfo(float).tiny)
-            count += 1.0
-    at = int(np.clip(np.argmax(power), 1, power.size - 2))
-    shift, _ = vertex(power[at - 1 : at + 2])
+            weight[channel] += 0.25 * seen**2 / noise
+    both = np.sum([power[channel] for channel in CHANNELS], axis=0)
+    at = int(np.clip(np.argmax(both), 1, both.size - 2))
+    shift, _ = vertex(both[at - 1 : at + 2])
     frequency_hz = float(near_hz + apart[at] + shift * (apart[1] - apart[0]))
-    return frequency_hz, math.sqrt(max(float(power[at]) - count, 0.0) / max(weight, np.finfo(float).tiny))
+    sizes = {
+        channel: size_of_line(float(power[channel][at]), count, max(weight[channel], np.finfo(float).tiny))
+        for channel in CHANNELS
+    }
+    return frequency_hz, sizes
+
+
+def size_of_line(power: float, count: float, weight: float) -> tuple[float, float]:
+    """Amplitude and its standard uncertainty by the power in units of the noise, of which there are `count`.
+
+    `weight` is the power that an amplitude of one adds.
+    """
+    amplitude = math.sqrt(max((power - count) / weight, np.finfo(float).tiny))
+    return amplitude, math.sqrt(max(2.0 * power - count, count)) / weight / (2.0 * amplitude)
 
 
 def _waves(time_s: FloatArray, lines_hz: Sequence[float]) -> FloatArray:

@@ -142,12 +142,17 @@ def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[floa
 
 def refined_line(
     source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float], line: FoundLine
-) -> FoundLine:
-    """A line of the scan with the frequency at which all runs together show it most, and its size there."""
+) -> tuple[FoundLine, str]:
+    """A line of the scan with the frequency at which all runs together show it most; its size where it shows best.
+
+    And in which channel that is.
+    """
     samples = [(run.cells, samples_of(source, run, lines_hz)) for run in runs]
     longest_s = max(run.cells.periods * run.cells.period_s for run in runs)
-    frequency_hz, amplitude = refined(samples, chains(source.header), line.frequency_hz, 0.5 / longest_s)
-    return replace(line, frequency_hz=frequency_hz, amplitude=amplitude or line.amplitude)
+    frequency_hz, sizes = refined(samples, chains(source.header), line.frequency_hz, 0.5 / longest_s)
+    channel = max(sizes, key=lambda each: sizes[each][0] / sizes[each][1])
+    amplitude, sigma = sizes[channel]
+    return replace(line, frequency_hz=frequency_hz, amplitude=amplitude, sigma=sigma), channel
 
 
 def _unpacked(kept: Packed, record: RunRecord) -> PlatformRun:
