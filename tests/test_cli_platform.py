@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.platform_sampler import SampledRun, record
+from benchmarks.platform_sampler import SampledRun, record, sampled
 from rigctl import Campaign
+from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.cli.application import app
 from rigctl.composition import opened_workbench
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.model.model import PlatformModel
 from rigctl.experiments.rotating_platform.observe import channel_runs
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
@@ -62,6 +64,42 @@ def test_a_notebook_has_the_result_of_the_platform(store: Path) -> None:
     found = Campaign.result(store)
     assert found.as_json().items() <= run("result", store, "--json").items()
     assert sorted(found.accel_m_s2) == ["y", "z"]
+
+
+def test_a_result_says_what_contradicts_it(tmp_path: Path) -> None:
+    """A level of runs.csv that is not that of the samples, a pattern that is another, and a fit that is none."""
+    record(PlatformSettings(kind="rotating-platform", seed=6), RUNS, tmp_path / "bundle")
+    table = tmp_path / "bundle" / "runs.csv"
+    names, *rows = [line.split(",") for line in table.read_text().splitlines()]
+    rows[0][names.index("pattern")] = "b"
+    rows[1][names.index("v_z_v")] = "0.25"
+    table.write_text("\n".join(",".join(row) for row in (names, *rows)) + "\n")
+    run("import", tmp_path / "bundle", "--store", tmp_path / "s.rig.sqlite")
+    found = run("result", tmp_path / "s.rig.sqlite", "--json")
+    first, second, third = [each["remarks"] for each in found["runs"]]
+    assert first == [
+        "r01: pattern is b, the platform rests at other times: that of theta_deg and moving counts; "
+        "correct runs.csv, it looks like c"
+    ]
+    assert second == [
+        "r02: v_z_v is 0.25 V (constant), dm1_z_v has 1 V: dm1_z_v counts; correct runs.csv, or mark the run invalid "
+        "if dm1_z_v is wrong"
+    ]
+    assert third == []
+    assert found["warnings"] == []
+
+
+def test_a_result_says_that_its_model_does_not_describe_the_data(tmp_path: Path) -> None:
+    def mistaken(number: int, samples: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {**samples, "dm1_z_v": 0.5 * samples["dm1_z_v"]} if number == 2 else samples
+
+    made = sampled(PlatformSettings(kind="rotating-platform", seed=6), RUNS, mistaken)
+    write_bundle(made, tmp_path / "bundle")
+    run("import", tmp_path / "bundle", "--store", tmp_path / "s.rig.sqlite")
+    [warning] = run("result", tmp_path / "s.rig.sqlite", "--json")["warnings"]
+    assert warning.startswith("the model, version 1, does not describe these data, and no sigma holds: chi2/dof is ")
+    said = " ".join(run("result", tmp_path / "s.rig.sqlite").split())
+    assert said.index("does not describe these data") < said.index("Means of the runs")
 
 
 def test_from_bundle_to_a_model_that_holds(store: Path) -> None:

@@ -68,9 +68,10 @@ def analyse(workbench: Workbench) -> InflightResult:
     from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
     from rigctl.experiments.inflight.result.budget import calibration_budget
     from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence
-    from rigctl.experiments.inflight.result.result import calibration, of_misfit, systematic
+    from rigctl.experiments.inflight.result.result import calibration, systematic
     from rigctl.experiments.inflight.study import InflightStudy
     from rigctl.workbench.verdict.attempt import Attempt
+    from rigctl.workbench.verdict.misfit import of_misfit
 
     studied = workbench.study
     assert isinstance(studied, InflightStudy)

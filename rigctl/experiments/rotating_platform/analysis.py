@@ -19,8 +19,8 @@ from rigctl.experiments.rotating_platform.result.bench_runs import flips, scans
 from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise, noise_records
 from rigctl.experiments.rotating_platform.result.result import NOT_TESTED, RESULTS, PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.misfit import of_misfit
 from rigctl.workbench.workbench import Workbench
 
 
@@ -72,16 +72,18 @@ def analyse(workbench: Workbench) -> PlatformResult:
     studied = workbench.study
     if not isinstance(studied, PlatformStudy):
         raise DataError(f"{workbench.store.path}: '{workbench.store.header.experiment}' recordings have no platform")
-    fitted = results_of(studied, workbench.current.terms)
+    version = workbench.current
+    attempt = Attempt(studied, version.terms)
     header = workbench.store.header
     records, silent = noise_records(workbench.store)
     left_out = {**studied.left_out, **silent}
-    return platform_result(studied.recorded, header, fitted, left_out, chain_noise(header, records), records)
+    fitted, noises = results_of(attempt), chain_noise(header, records)
+    warnings = of_misfit(attempt, version.version)
+    return platform_result(studied.recorded, header, fitted, left_out, noises, records, warnings)
 
 
-def results_of(study: PlatformStudy, terms: Sequence[Term]) -> Fitted:
+def results_of(attempt: Attempt) -> Fitted:
     """The results among the parameters of a model, with their covariance."""
-    attempt = Attempt(study, terms)
     names = [each.name for each in attempt.model.parameters]
     places = [names.index(name) for name in RESULTS]
     covariance = attempt.uncertainty.covariance[np.ix_(places, places)]

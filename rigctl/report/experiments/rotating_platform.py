@@ -76,7 +76,7 @@ def _recording(result: Mapping[str, Any]) -> ResultTable:
         for name, words, unit in _TURNED_OVER:
             value = quantity(turned[name]["value"], turned[name]["sigma"], unit)
             rows.append([f"{what}, sensor turned over: {words}", value])
-    return ResultTable("The recording as a whole.", ["quantity", "value"], rows)
+    return ResultTable("The recording as a whole.", ["quantity", "value"], rows, notes=result["warnings"])
 
 
 def _scanned(scans: Sequence[Mapping[str, Any]]) -> ResultTable:

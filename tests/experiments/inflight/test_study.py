@@ -17,7 +17,7 @@ from rigctl.experiments.inflight.model.residual_samples import steadiness
 from rigctl.experiments.inflight.observe.detection import density_of
 from rigctl.experiments.inflight.observe.grid import Grid
 from rigctl.experiments.inflight.result.budget import calibration_budget, refitted
-from rigctl.experiments.inflight.result.result import calibration, of_misfit, systematic
+from rigctl.experiments.inflight.result.result import calibration, systematic
 from rigctl.experiments.inflight.result.unseen import unseen_covariance
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.study import Term
@@ -25,6 +25,7 @@ from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit, parameters_of
+from rigctl.workbench.verdict.misfit import of_misfit
 from rigctl.workbench.verdict.significance import p_of_shape
 
 WARM_K = 1e-3

@@ -19,6 +19,7 @@ from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise
 from rigctl.experiments.rotating_platform.result.result import platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.files.rig_file import parse_rig
+from rigctl.workbench.verdict.attempt import Attempt
 from simulators.worlds.platform_settings import PlatformSettings
 
 CHAINS = Chains(
@@ -125,7 +126,7 @@ def _pulls(seed: int, rig_toml: str) -> list[float]:
     recording = replace(recording, header=replace(recording.header, rig_toml=rig_toml))
     study = PlatformStudy(recording)
     noises = chain_noise(recording.header, ())
-    first = platform_result(study.recorded, recording.header, results_of(study, ()), {}, noises).budget.first
+    first = platform_result(study.recorded, recording.header, results_of(Attempt(study, ())), {}, noises).budget.first
     servo_z, servo_y = nature.servo_z, nature.servo_y
     truth = [
         -servo_z.bias_v / servo_z.scale_v_per_m_s2 - g_m_s2 * servo_z.misalignment_rad,

@@ -297,7 +297,8 @@ def test_a_strong_line_is_one_line_and_as_large_as_in_the_channel_that_has_it(
 
 def test_each_of_several_lines_is_ranked_as_itself() -> None:
     def spoil(_: int, samples: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        waves = 2e-5 * np.sin(2.0 * np.pi * 0.237 * samples["t_s"]) + 1e-5 * np.sin(2.0 * np.pi * 1.7137 * samples["t_s"])
+        turns = 2.0 * np.pi * samples["t_s"]
+        waves = 2e-5 * np.sin(0.237 * turns) + 1e-5 * np.sin(1.7137 * turns)
         return {**samples, "q_a_v": samples["q_a_v"] + 846.73 * waves}
 
     made = sampled(PlatformSettings(kind="rotating-platform", seed=24), RUNS, spoil)

@@ -32,6 +32,7 @@ from rigctl.experiments.rotating_platform.result.result import (
     platform_result,
 )
 from rigctl.experiments.rotating_platform.study import PlatformStudy
+from rigctl.workbench.verdict.attempt import Attempt
 from simulators.worlds.platform_settings import PlatformSettings
 
 SILENT: dict[str, Any] = {
@@ -49,7 +50,7 @@ def result(
     recording = sampled(nature, runs, spoil)
     study = PlatformStudy(recording)
     noises = chain_noise(recording.header, ())
-    return platform_result(study.recorded, recording.header, results_of(study, ()), study.left_out, noises)
+    return platform_result(study.recorded, recording.header, results_of(Attempt(study, ())), study.left_out, noises)
 
 
 @pytest.fixture(scope="module")

@@ -114,7 +114,7 @@ def bias_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
 
 
 def followed_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
-    """What a bias may follow: means and ramps, shape (cells, columns). Such a bias is an effect to be found, no noise.
+    """What a bias may follow: means and ramps, shape (cells, columns). Such a bias is to be found, and no noise.
 
     Temperature, the tilts that were commanded and a laboratory's own columns, each where it varies, straight and
     squared; of a tilt its integral too, which a leak makes a bias of.
@@ -128,8 +128,10 @@ def followed_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
         if not np.isfinite(size) or not np.ptp(column) > _SAME * size:
             continue
         about = (column - column.mean()) / size
-        # At rest the cosine is the sign of the dwell.
-        ramp = cells.ramps[:, _TILTS[number]] * cells.geometry[:, 0] / size if number in _TILTS else np.zeros_like(about)
+        ramp = np.zeros_like(about)
+        if number in _TILTS:
+            # At rest the cosine is the sign of the dwell.
+            ramp = cells.ramps[:, _TILTS[number]] * cells.sign / size
         means += [about, about**2]
         ramps += [ramp, 2.0 * about * ramp]
         if number in _TILTS:

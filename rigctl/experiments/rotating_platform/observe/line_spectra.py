@@ -200,7 +200,8 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
                 if near.any():
                     open_ = open_ & ~near
                     # Farther away a record of length T shows of it 1 / (pi f T): a strong one beyond the noise.
-                    leaked += math.sqrt(float(beyond_noise[near].max())) / (np.pi * scan.shortest_s * np.maximum(apart, near_hz))
+                    beyond = math.sqrt(float(beyond_noise[near].max()))
+                    leaked += beyond / (np.pi * scan.shortest_s * np.maximum(apart, near_hz))
         # A weak line so close to a strong one shows once that is taken off.
         unexplained = np.maximum(power - leaked**2, 0.0)
         log_p = np.where(open_, _log_tail(unexplained, np.maximum(count, 0.5)), 0.0)

@@ -44,6 +44,7 @@ class PlatformResult:
     left_out: Mapping[str, str]
     chain_noise: Mapping[str, ChainNoise]
     noise_records: tuple[NoiseRecord, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Keys of `rigctl result --json`."""
@@ -58,6 +59,7 @@ class PlatformResult:
             "not_tested": list(NOT_TESTED),
             "runs": [run.as_json() for run in self.runs],
             "left_out": dict(self.left_out),
+            "warnings": list(self.warnings),
         }
 
 
@@ -72,14 +74,15 @@ def platform_result(
     left_out: Mapping[str, str],
     noises: Mapping[str, ChainNoise],
     noise_records: Sequence[NoiseRecord] = (),
+    warnings: Sequence[str] = (),
 ) -> PlatformResult:
-    """The result of a recording; `fitted` are `RESULTS` of its model."""
+    """The result of a recording; `fitted` are `RESULTS` of its model, `warnings` what speaks against that fit."""
     believed = chains(header)
     noise = {channel: each.noise.in_units_of(believed.gain_v_per_m_s2[channel]) for channel, each in noises.items()}
     by_run: dict[str, list[ChannelRun]] = {}
     for each in recorded.channels:
         by_run.setdefault(each.run.run_id, []).append(each)
-    runs = tuple(run_result(channels, noise) for channels in by_run.values())
+    runs = tuple(run_result(channels, noise, believed.command_v_per_m_s2["z"]) for channels in by_run.values())
     biases = _biases(runs) if set(believed.bias_v) == set(CHANNELS) else {}
     budget = platform_budget(fitted.values, fitted.covariance, biases, believed, uncertainties_of(header))
     told = {
@@ -97,6 +100,7 @@ def platform_result(
         left_out,
         noises,
         tuple(noise_records),
+        tuple(warnings),
     )
 
 

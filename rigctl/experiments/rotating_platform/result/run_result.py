@@ -26,6 +26,7 @@ from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
 from rigctl.experiments.rotating_platform.result.alignment import Value
+from rigctl.experiments.rotating_platform.result.contradictions import contradictions
 from rigctl.experiments.rotating_platform.result.precision import MEANS, Precision, run_means, run_precision
 from rigctl.experiments.rotating_platform.result.separation import Conditions, conditions
 
@@ -50,6 +51,7 @@ class RunResult:
     response: SineResponse | None
     commanded: FloatArray
     dropped: Mapping[str, int]
+    contradictions: Sequence[str] = ()
 
     @property
     def refitted(self) -> int:
@@ -79,7 +81,7 @@ class RunResult:
             remarks.append(
                 f"{self.run.run_id}: {self.invalid} of {cells.periods} periods have lost half their samples"
             )
-        return tuple(remarks)
+        return (*remarks, *self.contradictions)
 
     def as_json(self) -> dict[str, Any]:
         """Keys of `runs` in `rigctl result --json`."""
@@ -108,10 +110,13 @@ class RunResult:
         return shown
 
 
-def run_result(channels: Sequence[ChannelRun], believed: Mapping[str, PowerLawNoise]) -> RunResult:
+def run_result(
+    channels: Sequence[ChannelRun], believed: Mapping[str, PowerLawNoise], command_v_per_m_s2: float
+) -> RunResult:
     """Means, slopes and precisions of one run from both its channels; guard applied as its table was made.
 
-    `believed` is the noise of each chain, as an acceleration.
+    `believed` is the noise of each chain, as an acceleration, `command_v_per_m_s2` the scale factor of the input of
+    axis Z.
     """
     run = channels[0].run
     cells = run.cells
@@ -142,6 +147,7 @@ def run_result(channels: Sequence[ChannelRun], believed: Mapping[str, PowerLawNo
         response_of(run, sampled, series),
         commanded,
         _dropped(cells),
+        contradictions(run.run_id, run.conditions, cells, sampled, command_v_per_m_s2),
     )
 
 

@@ -1,0 +1,69 @@
+"""Where runs.csv states otherwise than the samples show: the samples count, and it is said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rigctl.core.errors import ConfigError
+from rigctl.experiments.rotating_platform.observe.cells import Cells
+from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, SampledPattern, named_pattern
+
+# Of the level, or of an amplitude, which the means over cells round off.
+_LEVEL, _AMPLITUDE = 0.05, 0.5
+_LEAST_V = 0.02
+# Rotations of other durations move the ends of dwells by less.
+_OTHERWISE = 0.1
+
+
+def contradictions(
+    run_id: str, stated: Mapping[str, Any], cells: Cells, sampled: SampledPattern, command_v_per_m_s2: float
+) -> list[str]:
+    """Of the tilt at the input of axis Z and of the pattern, a line each."""
+    return [*_of_tilt(run_id, stated, cells, command_v_per_m_s2), *_of_pattern(run_id, stated, sampled)]
+
+
+def _of_tilt(run_id: str, stated: Mapping[str, Any], cells: Cells, command_v_per_m_s2: float) -> list[str]:
+    level_v = float(stated.get("v_z_v", np.nan))
+    volts = cells.state[:, 0] * command_v_per_m_s2
+    if not (np.isfinite(level_v) and np.isfinite(volts).all()):
+        return []
+    external = str(stated.get("external") or "constant")
+    if external == "constant":
+        found_v, share, word = float(volts[int(np.argmax(np.abs(volts - level_v)))]), _LEVEL, ""
+    else:
+        found_v, share, word = 0.5 * float(np.ptp(volts)), _AMPLITUDE, "an amplitude of "
+    if abs(found_v - level_v) <= max(share * abs(level_v), _LEAST_V):
+        return []
+    return [
+        f"{run_id}: v_z_v is {level_v:g} V ({external}), dm1_z_v has {word}{found_v:.3g} V: dm1_z_v counts; correct "
+        "runs.csv, or mark the run invalid if dm1_z_v is wrong"
+    ]
+
+
+def _of_pattern(run_id: str, stated: Mapping[str, Any], sampled: SampledPattern) -> list[str]:
+    name = str(stated["pattern"])
+    shares = {each: _otherwise(each, stated, sampled) for each in ROTATIONS}
+    # Where the table could not have been made as it is named, nothing is held against the name.
+    if not shares.get(name, math.nan) > _OTHERWISE:
+        return []
+    alike = next((each for each, share in shares.items() if share <= _OTHERWISE), "custom")
+    return [
+        f"{run_id}: pattern is {name}, the platform rests at other times: that of theta_deg and moving counts; "
+        f"correct runs.csv, it looks like {alike}"
+    ]
+
+
+def _otherwise(name: str, stated: Mapping[str, Any], sampled: SampledPattern) -> float:
+    """The share of samples at rest by both tables that rest at the other stop; NaN where there is no such table."""
+    try:
+        pattern = named_pattern(name, sampled.pattern.period_s, stated.get("rotation_s"))
+        sign = pattern.sampled(sampled.sample_rate_hz).sign
+    except ConfigError:
+        return math.nan
+    both = (sign * sampled.sign)[(sign != 0) & (sampled.sign != 0)]
+    # At which stop a table begins is anybody's choice.
+    return min(float(np.mean(both < 0)), float(np.mean(both > 0))) if both.size else math.nan
