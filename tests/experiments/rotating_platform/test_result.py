@@ -338,6 +338,25 @@ def test_a_flip_whose_samples_are_lost_tells_nothing_of_its_channel() -> None:
     assert set(found) == {"z"}
 
 
+def test_a_flip_that_agrees_by_chance_is_no_better_than_its_readings() -> None:
+    """Three readings scatter with one degree of freedom: once in twelve by less than a tenth of what they do."""
+    header = sampled(PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 5}), []).header
+    rng, g_m_s2 = np.random.default_rng(2), float(header.constants["g_m_s2"])
+    signs = {"up": 1, "down": -1, "again": 1}
+    records = tuple(RunRecord(name, name, "", {"pattern": "flip", "g_sign": sign}) for name, sign in signs.items())
+    pulls = []
+    for _ in range(200):
+        samples = {
+            name: {"q_a_v": sign * 8.0 + 1e-4 * rng.standard_normal(600), "q_b_v": np.full(600, np.nan)}
+            for name, sign in signs.items()
+        }
+        found = flips(Recording(header, records, samples, ImportReport(3)), chains(header))["z"].sensor
+        pulls.append((found.value("gain_v_per_m_s2") - 8.0 / g_m_s2) / found.sigma("gain_v_per_m_s2"))
+    # Of Student's t of one degree of freedom 13 of 200 are beyond 10.
+    assert max(np.abs(pulls)) < 5.0
+    assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 1.1
+
+
 def test_theory_is_of_the_sensor_that_is_there() -> None:
     """A noise record says more than the rig file, and the rig file more than the paper."""
     printed = chain_noise(Header("rotating-platform"), ())

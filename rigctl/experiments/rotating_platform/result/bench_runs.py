@@ -85,14 +85,26 @@ def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
     for channel in CHANNELS:
         try:
             read = [_read(source, record.run_id, READINGS[channel]) for record in records]
-            readings = np.array([samples.mean() for samples in read])
-            # A line through two readings leaves no scatter: then that within each reading has to tell.
-            sigma_v = None if len(signs) > 2 else np.array([_scatter(samples) for samples in read])
-            fitted = flip(signs, readings, chains.g_m_s2, sigma_v)
-            flipped[channel] = Flipped(fitted, chains.amplifier.get(channel))
+            flipped[channel] = Flipped(_flip(signs, read, chains.g_m_s2), chains.amplifier.get(channel))
         except DataError:
             continue
     return flipped
+
+
+def _flip(signs: Sequence[float], read: Sequence[FloatArray], g_m_s2: float) -> Fitted:
+    """By the scatter within the readings, or by that between them where it is larger.
+
+    Between three there is one degree of freedom, which by chance is next to nothing; between two there is none.
+    """
+    readings = np.array([samples.mean() for samples in read])
+    within_v = np.sqrt(np.mean([_scatter(samples) ** 2 for samples in read]))
+    # Readings that a resolution holds at one value have no scatter of their own.
+    if len(read) > 2 and not within_v > 0.0:
+        return flip(signs, readings, g_m_s2)
+    by_readings = flip(signs, readings, g_m_s2, np.full(len(read), within_v))
+    if len(read) == 2:
+        return by_readings
+    return max(by_readings, flip(signs, readings, g_m_s2), key=lambda fitted: fitted.sigma("bias_v"))
 
 
 def _scan(source: RunSource, record: RunRecord, chains: Chains, noises: Mapping[str, ChainNoise]) -> Scan:
