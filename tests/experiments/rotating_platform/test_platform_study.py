@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -367,3 +367,23 @@ def test_recordings_that_cannot_be_asked_say_so() -> None:
     scan = PlatformStudy(sampled(nature, [SampledRun(angles_deg=(0.0, 90.0, 180.0), dwell_s=30.0)]))
     with pytest.raises(DataError, match="no modulated run"):
         _ = scan.recorded
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "why"),
+    [
+        ("theta_deg", lambda x: x + 3.0, r"theta_deg rests more than 0\.02 degrees from 0 and 180; correct its zero"),
+        ("theta_deg", lambda x: x + np.linspace(0.0, 4.0, x.size), "theta_deg rests more than 0"),
+        ("q_a_v", lambda x: np.full(x.size, 11.0), "q_a_v is at full_scale"),
+        ("q_a_v", lambda x: np.full(x.size, np.nan), "q_a_v, theta_deg or moving are missing"),
+    ],
+)
+def test_a_run_without_a_period_that_counts_says_what_took_them(
+    column: str, change: Callable[[FloatArray], FloatArray], why: str
+) -> None:
+    def spoil(_: int, samples: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {**samples, column: change(samples[column])}
+
+    made = sampled(PlatformSettings(kind="rotating-platform", seed=23), [SampledRun("c", 60.0, 10)], spoil)
+    with pytest.raises(DataError, match=f"run r01: none of its 10 periods has half of its samples: {why}"):
+        _ = PlatformStudy(made).recorded

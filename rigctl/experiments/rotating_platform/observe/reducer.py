@@ -16,12 +16,19 @@ from scipy import sparse
 
 from rigctl.core.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.cells import BEFORE, NO_BIN, Cells
+from rigctl.experiments.rotating_platform.observe.cells import BEFORE, FAULTS, NO_BIN, Cells
 from rigctl.experiments.rotating_platform.observe.estimates import FEWEST_SAMPLES, usual_mask
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS
+from rigctl.experiments.rotating_platform.observe.turns import OFF_STOP_DEG
 
 MOST_GROUPS = 120
 """A longer run's periods are averaged in so many groups of successive ones."""
+
+_WHY_LOST = {
+    "gap": "{column}, theta_deg or moving are missing",
+    "saturated": "{column} is at full_scale",
+    "angle": f"theta_deg rests more than {OFF_STOP_DEG:g} degrees from 0 and 180; correct its zero and its scale",
+}
 
 # Periods with a bin, of which its scatter is known.
 _FEWEST_TIMES = 4
@@ -61,9 +68,16 @@ class Reducer:
             spread = lines[:, :, 2] - lines[:, :, 1] ** 2 / lines[:, :, 0]
         self.valid: BoolArray = enough & (lines[:, :, 0] >= 2.0).all(axis=1) & (spread > 0.0).all(axis=1)
         if not self.valid.any():
-            raise DataError(f"none of its {cells.periods} periods has half of its samples")
+            raise DataError(f"none of its {cells.periods} periods has half of its samples{self._why_lost()}")
         self.per_group = math.ceil(cells.periods / MOST_GROUPS)
         self._readings = level, ramp / time - centre * level
+
+    def _why_lost(self) -> str:
+        """By the fault that took most samples."""
+        lost = self.cells.faults[:, CHANNELS.index(self.channel), : len(_WHY_LOST)].sum(axis=0)
+        if not lost.any():
+            return ""
+        return ": " + _WHY_LOST[FAULTS[int(lost.argmax())]].format(column=READINGS[self.channel])
 
     @cached_property
     def groups(self) -> Int64Array:
