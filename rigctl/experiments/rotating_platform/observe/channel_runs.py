@@ -127,7 +127,7 @@ def followed_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
         size = float(np.abs(column).max())
         if not np.isfinite(size) or not np.ptp(column) > _SAME * size:
             continue
-        about = (column - column.mean()) / size
+        about: FloatArray = np.asarray((column - column.mean()) / size)
         ramp = np.zeros_like(about)
         if number in _TILTS:
             # At rest the cosine is the sign of the dwell.
@@ -135,7 +135,7 @@ def followed_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
         means += [about, about**2]
         ramps += [ramp, 2.0 * about * ramp]
         if number in _TILTS:
-            means.append(cumulative_trapezoid(about, cells.time_s, initial=0.0))
+            means.append(cumulative_trapezoid(about, cells.time_s, initial=0))
             ramps.append(about * spread)
     shape = (cells.period.size, len(means))
     return np.array(means).T.reshape(shape), np.array(ramps).T.reshape(shape)
