@@ -23,6 +23,7 @@ from rigctl.core.clock import utc_now
 from rigctl.core.errors import Aborted, ConfigError, one_line
 from rigctl.core.extra import SIGN, needed
 from rigctl.files.certificate_file import CertificateDetails, read_details
+from rigctl.report.quantities import counted
 
 app = typer.Typer(add_completion=False)
 
@@ -97,7 +98,7 @@ def verify(
 ) -> None:
     """Check that a certificate is as it was issued and signed, and that a store is still what it rests on."""
     found = verified(cert, store, trust)
-    later = f"; {found.later} later versions of the model" if found.later else ""
+    later = f"; {counted(found.later, 'later version')} of the model" if found.later else ""
     print_outcome(
         asdict(found),
         f"certificate {found.number} is true of {store}{later}; {_who(found.signature, cert, trust)}",

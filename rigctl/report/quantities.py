@@ -18,19 +18,24 @@ def quantity(value: float | None, sigma: float | None, unit: str = "") -> str:
         return "not determined"
     # Held, or known exactly: no sigma says how many digits there are.
     if not sigma:
-        return _spaced(number(value, 6), unit)
+        return with_unit(number(value, 6), unit)
     # By the larger of the two, so that both stand under one power of ten.
     exponent = _exponent(max(abs(value), sigma))
     scale = 0 if exponent in _FIXED else exponent
     # Two digits of the sigma.
     decimals = max(0, 1 + scale - _exponent(sigma))
     pair = f"{value / 10.0**scale:.{decimals}f} ± {sigma / 10.0**scale:.{decimals}f}"
-    return _spaced(f"({pair})e{scale:+03d}" if scale else pair, unit)
+    return with_unit(f"({pair})e{scale:+03d}" if scale else pair, unit)
 
 
 def number(value: float | None, digits: int = 3) -> str:
     """A number to so many digits; "-" where there is none."""
     return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number and its unit; 1 is the unit of ratios, which nobody writes."""
+    return f"{text} {unit}" if unit and unit != "1" else text
 
 
 def probability(p: float | None) -> str:
@@ -61,7 +66,8 @@ def counted(count: int, noun: str, many: str = "") -> str:
 
 def typically(effect: Effect) -> str:
     """An effect with the typical sizes of its parameters."""
-    sizes = (f"{name} = {number(value)} {effect.parameters[name]}" for name, value in effect.typical.items())
+    units = effect.parameters
+    sizes = (f"{name} = {with_unit(number(value), units[name])}" for name, value in effect.typical.items())
     return f"{effect.id} ({', '.join(sizes)})"
 
 
@@ -89,8 +95,3 @@ def age(seconds: float | None) -> str:
 
 def _exponent(value: float) -> int:
     return math.floor(math.log10(abs(value))) if value else 0
-
-
-def _spaced(text: str, unit: str) -> str:
-    # 1 is the unit of ratios, which nobody writes.
-    return f"{text} {unit}" if unit and unit != "1" else text

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigctl.report.quantities import counted, number, p_value, quantity, share
+from rigctl.report.quantities import counted, number, p_value, quantity, share, with_unit
 from rigctl.workbench.scatter import LEAST_DOF
 
 Findings = Mapping[str, Any]
@@ -310,7 +310,7 @@ def sizes(rank: Findings, *, detectable: bool = False) -> list[str]:
         shown.append(f"{parameter} = {quantity(size['value'], size['sigma'], size['unit'])}".lstrip())
         least = rank["smallest_detectable"].get(name) if detectable else None
         if least is not None and math.isfinite(least):
-            shown.append(f"    would show from {number(least)} {size['unit']}".rstrip())
+            shown.append(f"    would show from {with_unit(number(least), size['unit'])}")
     return shown
 
 

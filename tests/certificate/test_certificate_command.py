@@ -85,6 +85,7 @@ def test_a_campaign_is_certified_verified_fitted_further_and_marked(desk: Any) -
     assert "cube: its certificate expired on 2001-02-03" in text
 
     assert desk.rigctl("model", "add", desk.store, "quadratic").status == 0
+    assert "; 1 later version of the model; " in desk.rigctl("verify", out, desk.store).out
     verified = desk.rigctl("verify", out, desk.store, "--json").json
     assert (verified["later"], verified["signature"]) == (1, None)
     assert verified["sha256"] == issued["basis_sha256"]

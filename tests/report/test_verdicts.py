@@ -197,6 +197,14 @@ def test_what_is_not_significant_is_told_with_what_would_have_shown() -> None:
     assert "would show from 4.5e-06 rad/m" in other
 
 
+def test_the_unit_of_a_ratio_is_not_written() -> None:
+    other = rank("roll-gravity", p=0.3)
+    other["parameters"]["rho1"]["unit"] = "1"
+    found = diagnosis("adequate", other)
+    (row,) = (row[0] for row in ranking_table(found, most=6).rows)
+    assert row.endswith("would show from 4.5e-06")
+
+
 def test_repeats_are_told_with_the_lack_of_fit() -> None:
     lack = {"f": 214.7, "dof": 18, "pure_dof": 20, "p_value": 5e-19, "pure_error": 2.15e-4, "unit": "in"}
     said = repeats_sentence({"lack_of_fit": lack})
