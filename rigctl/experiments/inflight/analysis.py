@@ -67,9 +67,9 @@ def analyse(workbench: Workbench) -> InflightResult:
         return InflightResult(tables(draws, workbench.store.header.constants))
     from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
     from rigctl.experiments.inflight.result.budget import calibration_budget
-    from rigctl.experiments.inflight.result.equivalence import calibrated_of, equivalence
+    from rigctl.experiments.inflight.result.equivalence import calibrated_of, doubts, equivalence
     from rigctl.experiments.inflight.result.result import calibration, systematic
-    from rigctl.experiments.inflight.study import InflightStudy
+    from rigctl.experiments.inflight.study import IN_SAMPLES, InflightStudy
     from rigctl.workbench.verdict.attempt import Attempt
     from rigctl.workbench.verdict.misfit import of_misfit
 
@@ -90,7 +90,10 @@ def analyse(workbench: Workbench) -> InflightResult:
     if test.runs:
         calibrated = calibrated_of(values, covariance, beyond)
         level = calibrated_level(studied)
-        numbers["ep"] = equivalence([run.about(level) for run in test.runs], calibrated)
+        runs = [run.about(level) for run in test.runs]
+        numbers["ep"] = equivalence(runs, calibrated)
+        acting = [term.effect for term in version.terms if term.effect not in IN_SAMPLES]
+        numbers["remarks"] += doubts(runs, calibrated, acting)
     return InflightResult(numbers)
 
 

@@ -37,12 +37,12 @@ COMMON: Mapping[str, str] = {
 """Effects without a part in the differential channel's lines."""
 
 PULSES, LEVEL, LINE = "glitches", "noise-level", "steady-line"
-"""Effects that are looked for in the samples."""
 
 SHOWN_P = 0.01
 """Largest p-value under noise at which a finding in the samples is reported."""
 
-_IN_SAMPLES = (PULSES, LEVEL, LINE)
+IN_SAMPLES = (PULSES, LEVEL, LINE)
+"""Effects that are looked for in the samples, and change no line."""
 
 
 class InflightStudy(CatalogueStudy[FlightData]):
@@ -70,7 +70,7 @@ class InflightStudy(CatalogueStudy[FlightData]):
         # Pulses first: what is left of the samples then tells the levels.
         data = self.data.without_pulses if PULSES in named else self.data
         data = data.by_level if LEVEL in named else data
-        effects = [effect for effect in effects if effect.id not in _IN_SAMPLES]
+        effects = [effect for effect in effects if effect.id not in IN_SAMPLES]
         for effect in effects:
             if reason := _untestable(effect, data):
                 raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
@@ -80,7 +80,7 @@ class InflightStudy(CatalogueStudy[FlightData]):
         """Those that are not in the model and change lines."""
         present = {term.effect for term in model.terms}
         return [
-            effect for effect in self.catalogue.values() if effect.id not in present and effect.id not in _IN_SAMPLES
+            effect for effect in self.catalogue.values() if effect.id not in present and effect.id not in IN_SAMPLES
         ]
 
     def untestable(self, effect: Effect, model: Model) -> str | None:

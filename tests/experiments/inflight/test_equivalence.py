@@ -11,7 +11,7 @@ from rigctl.experiments.inflight.observe.equivalence import reduce_test
 from rigctl.experiments.inflight.observe.pulses import FALSE_PER_DAY
 from rigctl.experiments.inflight.observe.series import INDEX
 from rigctl.experiments.inflight.observe.sessions import Session
-from rigctl.experiments.inflight.result.equivalence import Calibrated, calibrated_of, equivalence
+from rigctl.experiments.inflight.result.equivalence import Calibrated, calibrated_of, doubts, equivalence
 from rigctl.experiments.inflight.result.missions import reduced_tests, run_of
 from rigctl.experiments.inflight.result.published import published
 from simulators.worlds.satellite.ensemble import Ensemble
@@ -207,6 +207,43 @@ def test_the_calibration_s_uncertainty_is_counted_and_shared_by_all_sessions():
     assert both["1"]["delta"]["sigma_calibration"] == pytest.approx(expected, rel=0.02)
     one, total = equivalence([run], again)["combined"]["delta"], both["combined"]["delta"]
     assert total["sigma_calibration"] == pytest.approx(one["sigma_calibration"])
+
+
+def test_the_calibration_s_uncertainty_is_counted_in_quadrature_too():
+    settings = nature()
+    calibrated, level = known(settings)
+    run = reduce_test("1", {"session": "ep_inertial"}, flown(settings, "ep_inertial")[0], ORBIT_S).about(level)
+    sigma = 1e-7
+    covariance = np.zeros((SHARED, SHARED))
+    covariance[2, 2] = sigma**2
+    alone = equivalence([run], calibrated)["1"]["quadrature"]["sigma"]
+    counted = equivalence([run], calibrated_of(calibrated.values, covariance, {}))["1"]["quadrature"]["sigma"]
+    # Hardy et al., table 1: T_xz at the test's frequency goes with g_z.
+    expected = sigma * 0.75 * ECCENTRICITY * (2.0 * np.pi / ORBIT_S) ** 2 / PULL_M_S2
+    assert counted**2 - alone**2 == pytest.approx(expected**2, rel=0.04)
+
+
+def test_what_acts_besides_at_the_frequency_of_the_test_is_said():
+    settings = nature()
+    calibrated, level = known(settings)
+    turning, inertial = (flown(settings, session)[0] for session in ("ep_spin", "ep_inertial"))
+
+    def said(extra_m_s2, effects=()):
+        spoilt = {**inertial, "m1_x": inertial["m1_x"] + extra_m_s2}
+        runs = [
+            reduce_test("spin", {"session": "ep_spin", "spin_frequency_hz": SPIN_HZ}, turning, ORBIT_S),
+            reduce_test("still", {"session": "ep_inertial"}, spoilt, ORBIT_S),
+        ]
+        return doubts([run.about(level) for run in runs], calibrated, effects)
+
+    assert said(0.0) == []
+    [quadrature] = said(2e-14 * inertial["g_z"])
+    assert quadrature.startswith("run still: ")
+    assert "is in quadrature with gravity, where no violation is" in quadrature
+    [contradiction] = said(2e-14 * inertial["g_x"])
+    assert contradiction.startswith("the sessions of the test contradict each other")
+    [left] = said(0.0, ["thermal-bias", "magnetic"])
+    assert left.startswith("what thermal-bias, magnetic does at the frequency of the test is still in delta")
 
 
 def test_every_row_of_table_1_comes_out_of_an_inertial_session():

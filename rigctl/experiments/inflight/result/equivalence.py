@@ -21,6 +21,9 @@ GRAVITY_M_S2 = 7.9
 ALIKE = np.eye(SHARED)[len(NAMES)]
 """Parameters of an instrument of which nothing is known: two masses alike, a_c11 = 1."""
 
+DOUBTED_P = 0.01
+"""Controls that chance makes more rarely, over all sessions together, speak against delta."""
+
 _STEP = 1e-40
 
 
@@ -42,9 +45,10 @@ def equivalence(runs: Sequence[TestRun], calibrated: Calibrated) -> dict[str, An
 
 def _session(run: TestRun, calibrated: Calibrated) -> dict[str, Any]:
     values, noise = _estimate(run, calibrated.values[:, None])[:, 0], _density(run, calibrated.values)
-    slope = sensitivity(run, calibrated.values)
+    slopes = sensitivities(run, calibrated.values)
     sigma_noise = math.sqrt(noise) * run.spread
-    sigma_calibration = math.sqrt(float(slope @ calibrated.covariance @ slope))
+    sigma_calibration = np.sqrt(np.diag(slopes @ calibrated.covariance @ slopes.T))
+    sigma = np.hypot(sigma_noise, sigma_calibration)
     before = _estimate(run, ALIKE[:, None])[:, 0]
     sigma_before = math.sqrt(_density(run, ALIKE)) * run.spread
     return {
@@ -56,12 +60,12 @@ def _session(run: TestRun, calibrated: Calibrated) -> dict[str, Any]:
         "noise_dof": run.dof,
         "delta": {
             "value": float(values[0]),
-            "sigma": math.hypot(float(sigma_noise[0]), sigma_calibration),
+            "sigma": float(sigma[0]),
             "sigma_noise": float(sigma_noise[0]),
-            "sigma_calibration": sigma_calibration,
-            "systematic": float(np.linalg.norm(slope * calibrated.systematic)),
+            "sigma_calibration": float(sigma_calibration[0]),
+            "systematic": float(np.linalg.norm(slopes[0] * calibrated.systematic)),
         },
-        "quadrature": {"value": float(values[1]), "sigma": float(sigma_noise[1])},
+        "quadrature": {"value": float(values[1]), "sigma": float(sigma[1])},
         "uncorrected": {"value": float(before[0]), "sigma": float(sigma_before[0])},
         "rows": rows(run, calibrated),
         "spectrum": _spectrum(run, calibrated),
@@ -97,11 +101,61 @@ def rows(run: TestRun, calibrated: Calibrated) -> dict[str, dict[str, float]]:
     }
 
 
+def doubts(runs: Sequence[TestRun], calibrated: Calibrated, effects: Sequence[str]) -> list[str]:
+    """What speaks against delta, a line each: something in quadrature with gravity, sessions that differ, and
+    `effects` of the model, which are fitted to the lines of calibration alone."""
+    said = [
+        f"run {run.run_id}: {found['value']:.2g} ± {found['sigma']:.2g} is in quadrature with gravity, where no "
+        "violation is: something else acts at the frequency of the test, and may shift delta by as much; find what it "
+        "is, or mark the run invalid"
+        for run in runs
+        if (found := _session(run, calibrated)["quadrature"])
+        and _in_quadrature_p(run, calibrated, found) < DOUBTED_P / len(runs)
+    ]
+    if _contradiction_p(runs, calibrated) < DOUBTED_P:
+        said.append(
+            "the sessions of the test contradict each other, and delta of all together is between them: they differ "
+            "by more than their sigmas allow; mark invalid the runs in which something else acts"
+        )
+    if effects:
+        said.append(
+            f"what {', '.join(effects)} does at the frequency of the test is still in delta: effects of the model "
+            "correct the calibration, not the sessions of the test"
+        )
+    return said
+
+
+def _in_quadrature_p(run: TestRun, calibrated: Calibrated, found: Mapping[str, float]) -> float:
+    """Whether chance and what no session sees make what is in quadrature: Student's t."""
+    from scipy.special import stdtr  # which neither calibrations nor studies of many wait for
+
+    unseen = float(np.linalg.norm(sensitivities(run, calibrated.values)[1] * calibrated.systematic))
+    return 2.0 * float(stdtr(run.dof, -abs(found["value"]) / math.hypot(found["sigma"], unseen)))
+
+
+def _contradiction_p(runs: Sequence[TestRun], calibrated: Calibrated) -> float:
+    """Whether chance makes the sessions differ as they do; 1 for a single one."""
+    from scipy.special import fdtrc  # as above
+
+    more = len(runs) - 1
+    if not more:
+        return 1.0
+    values, noise, slopes = _together(runs, calibrated)
+    off = values - _combined(runs, calibrated)["delta"]["value"]
+    chi2 = off @ np.linalg.solve(np.diag(noise) + slopes @ calibrated.covariance @ slopes.T, off)
+    return float(fdtrc(more, sum(run.dof for run in runs), chi2 / more))
+
+
+def _together(runs: Sequence[TestRun], calibrated: Calibrated) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """delta of the sessions, its variance by their noise, and d delta / d parameters."""
+    values = np.array([_estimate(run, calibrated.values[:, None])[0, 0] for run in runs])
+    noise = np.array([_density(run, calibrated.values) * run.spread[0] ** 2 for run in runs])
+    return values, noise, np.array([sensitivity(run, calibrated.values) for run in runs])
+
+
 def _combined(runs: Sequence[TestRun], calibrated: Calibrated) -> dict[str, Any]:
     """Weighted by noise and by the calibration's covariance, which all sessions share."""
-    values = np.array([_estimate(run, calibrated.values[:, None])[0, 0] for run in runs])
-    slopes = np.array([sensitivity(run, calibrated.values) for run in runs])
-    noise = np.array([_density(run, calibrated.values) * run.spread[0] ** 2 for run in runs])
+    values, noise, slopes = _together(runs, calibrated)
     weight = np.linalg.solve(np.diag(noise) + slopes @ calibrated.covariance @ slopes.T, np.ones(len(runs)))
     weight /= weight.sum()
     parts = {
