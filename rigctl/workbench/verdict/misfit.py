@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from rigctl.workbench.verdict.account import LEVEL
+from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.attempt import Attempt
-
-MISFIT = 2.0
-"""Residuals of so many times the noise, rms, are no bad luck: every sigma is too small by as much, or more."""
 
 
 def of_misfit(attempt: Attempt, version: int) -> list[str]:
-    """That the model does not describe the data, in one line, where it leaves far more than the noise."""
-    ratio = attempt.result.chi2 / max(attempt.result.dof, 1)
-    if ratio <= MISFIT**2:
+    """That the model does not describe the data, in one line, where chi-square tells it to `rigctl compare` too."""
+    # A few lines far off, of hundreds, hardly raise chi2/dof, and move a parameter by a hundred sigma.
+    if not p_as_a_whole(attempt, None) < LEVEL:
         return []
+    ratio = attempt.result.chi2 / attempt.result.dof
     given, left = attempt.model.observations, attempt.whitened()
     worst = int(np.argmax(np.abs(left)))
     series = given.series[given.series_of[worst]]

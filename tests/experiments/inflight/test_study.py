@@ -323,6 +323,20 @@ def test_a_model_that_does_not_describe_the_data_says_so(flight, attempt):
     assert "own channel, ac12 f in-phase is -" in said
 
 
+def test_a_parameter_that_a_few_lines_pull_off_is_warned_of(flight, attempt):
+    # An output with a cube shows at three times the stimulus, and is taken for gain at the stimulus.
+    def cubic(_, columns, conditions):
+        return {**columns, "m1_x": columns["m1_x"] + 3e9 * columns["m1_x"] ** 3}, conditions
+
+    spoilt = Attempt(InflightStudy(recording(flight, spoil=cubic)), ())
+    place = NAMES.index("ad11")
+    off = spoilt.result.values[place] - attempt.result.values[place]
+    assert abs(off) > 20.0 * np.sqrt(spoilt.uncertainty.covariance[place, place])
+    assert spoilt.result.chi2 < 4.0 * spoilt.result.dof
+    [said] = of_misfit(spoilt, 1)
+    assert "2 m_dx, ad11 3 f " in said or "2 m_dx, k2d 3 f " in said
+
+
 def test_only_what_no_session_tells_is_said_to_have_no_run(flight):
     def relabelled(name, columns, conditions):
         return columns, {**conditions, "session": "ad12"} if name == "ad13" else conditions
