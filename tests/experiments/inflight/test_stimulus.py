@@ -50,8 +50,15 @@ def test_an_amplitude_in_another_unit_is_named(flight, flown, session, factor):
     assert said.endswith(f"write it in {unit}")
 
 
-@pytest.mark.parametrize("session", AMPLITUDE_UNITS)
-@pytest.mark.parametrize("spoilt", [{"amplitude": 3.0}, {"amplitude": 0.3}, {"calibration_frequency_hz": 1.02}])
+@pytest.mark.parametrize(
+    ("session", "spoilt"),
+    [
+        *((name, {"calibration_frequency_hz": 1.02}) for name in AMPLITUDE_UNITS),
+        *((name, {"amplitude": factor}) for name in AMPLITUDE_UNITS if name not in MASSES for factor in (3.0, 0.3)),
+        # More than the stiffest spring does.
+        *((name, {"amplitude": 5e-3}) for name in MASSES),
+    ],
+)
 def test_another_stimulus_than_was_flown_is_a_contradiction(flight, flown, session, spoilt):
     columns, conditions = flown[session]
     row = {**conditions, **{name: factor * conditions[name] for name, factor in spoilt.items()}}
@@ -59,6 +66,28 @@ def test_another_stimulus_than_was_flown_is_a_contradiction(flight, flown, sessi
     assert said.slip is None
     assert said.contradiction.startswith(f"session {session} with amplitude {row['amplitude']:g} ")
     assert said.contradiction.endswith("write the session, calibration_frequency_hz and amplitude that were flown")
+
+
+@pytest.mark.parametrize("session", MASSES)
+@pytest.mark.parametrize("stiffness_s2", [2.5e-3, 2e-2])
+def test_a_mass_that_a_spring_holds_is_no_contradiction(flight, flown, session, stiffness_s2):
+    columns, conditions = flown[session]
+    # What stiffness adds to the acceleration of a displaced mass, with the sign of the displacement.
+    way = conditions["amplitude"] * np.cos(
+        2.0 * np.pi * conditions["calibration_frequency_hz"] * columns["t_s"] + conditions["phase_rad"]
+    )
+    shares = {
+        "ac12": {"m1_y": -0.5, "m2_y": 0.5},
+        "ac13": {"m1_z": -0.5, "m2_z": 0.5},
+        "k2c_1": {"m1_x": 1.0},
+        "k2c_2": {"m2_x": 1.0},
+    }[session]
+    held = {name: columns[name] + stiffness_s2 * share * way for name, share in shares.items()}
+    told = found(flight, {**columns, **held}, conditions)
+    assert (told.slip, told.contradiction) == (None, None)
+    [said] = told.remarks
+    assert "a spring that holds the mass does that (effect wire-stiffness)" in said
+    assert said.endswith("if none does, write the amplitude that was flown")
 
 
 def test_lost_samples_hide_no_contradiction(flight, flown):

@@ -23,6 +23,9 @@ AMPLITUDE_UNITS = {
 OFF_BY = 2.0
 """The gain of an own channel is 1 within 1e-2: a stimulus off by this factor is another one."""
 
+STIFFEST_S2 = 0.025
+"""A spring of 1e-2 N/m on 0.4 kg: a mass moved by x shows the acceleration (spring/mass - w^2) x."""
+
 CERTAIN_SIGMA = 5.0
 
 _X, _Y, _Z = ({f"m{mass}_{axis}": 0.5 for mass in (1, 2)} for axis in "xyz")
@@ -61,17 +64,18 @@ class _Seen:
 def stimulus_findings(session: Session, columns: Mapping[str, FloatArray]) -> UnitFindings:
     """The stated amplitude against what the session's own channel shows at the stimulus.
 
-    A power of a thousand between them is a unit; anything else is another stimulus, perhaps that of another session.
-    The samples must be long enough to tell the stimulus from lines of the orbit.
+    A power of a thousand between them is a unit; what a spring may do to a moved mass is remarked on; anything else is
+    another stimulus, perhaps that of another session. The samples must be long enough to tell the stimulus from lines
+    of the orbit.
     """
     stated, unit = abs(session.amplitude), AMPLITUDE_UNITS[session.name]
     seen = _seen(session, session.name, columns)
     if not seen.contradicts(stated):
         return UnitFindings()
     channel, _ = _CHANNELS[session.name]
-    said = f"{channel} shows a stimulus of {seen.amplitude:.2g} {unit} at {session.frequency_hz:.4g} Hz"
+    shown = f"{channel} shows a stimulus of {seen.amplitude:.2g} {unit} at {session.frequency_hz:.4g} Hz"
     if seen.certain and (slip := slip_between(seen.amplitude, stated)):
-        return UnitFindings(f"{said}, amplitude is {stated:g}: one of them is off by {slip:.0e}; write it in {unit}")
+        return UnitFindings(f"{shown}, amplitude is {stated:g}: one of them is off by {slip:.0e}; write it in {unit}")
     others = [
         name
         for name in _CHANNELS
@@ -79,14 +83,26 @@ def stimulus_findings(session: Session, columns: Mapping[str, FloatArray]) -> Un
         and (other := _seen(session, name, columns)).certain
         and not other.contradicts(stated)
     ]
-    said = f"session {session.name} with amplitude {stated:g} {unit} contradicts the samples: {said}"
+    said = f"session {session.name} with amplitude {stated:g} {unit} contradicts the samples: {shown}"
     if others:
         return UnitFindings(
             contradiction=f"{said}, {_CHANNELS[others[0]][0]} that one; write session {either(others)}"
         )
+    if seen.certain and session.name in (*MASS_MOTION, *QUADRATIC) and seen.amplitude <= _with_spring(session):
+        return UnitFindings(
+            remarks=(
+                f"{shown}, amplitude is {stated:g}: a spring that holds the mass does that (effect wire-stiffness); if "
+                "none does, write the amplitude that was flown",
+            )
+        )
     return UnitFindings(
         contradiction=f"{said}; write the session, calibration_frequency_hz and amplitude that were flown"
     )
+
+
+def _with_spring(session: Session) -> float:
+    """The largest displacement that a moved mass' acceleration shows, held by a spring."""
+    return abs(session.amplitude) * (1.0 + STIFFEST_S2 / (2.0 * np.pi * session.frequency_hz) ** 2)
 
 
 def _seen(session: Session, name: str, columns: Mapping[str, FloatArray]) -> _Seen:
