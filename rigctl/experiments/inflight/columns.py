@@ -20,6 +20,7 @@ from rigctl.campaign.layout import (
     slip_between,
     time_slip,
 )
+from rigctl.experiments.inflight.observe.gravity import gravity_findings
 from rigctl.experiments.inflight.observe.sessions import (
     EQUIVALENCE,
     GRADIENT,
@@ -50,7 +51,8 @@ def _injected_period(run: Mapping[str, Any]) -> float:
 
 
 def _units(run: Mapping[str, Any], columns: Columns, constants: Mapping[str, float]) -> UnitFindings:
-    """The sampling period, how long the session lasts in orbits, and the stimulus in its own channel."""
+    """The sampling period, how long the session lasts in orbits, and the stimulus in its own channel or, in a session
+    of the test, gravity."""
     step_s = sample_step_s(columns["t_s"])
     period_s = float(run.get("sample_period_s", math.nan))
     if slip := slip_between(step_s, period_s):
@@ -60,8 +62,12 @@ def _units(run: Mapping[str, Any], columns: Columns, constants: Mapping[str, flo
     lasts_s = float(columns["t_s"][-1] - columns["t_s"][0]) + step_s
     if slip := slip_between(lasts_s, asked_s):
         return UnitFindings(time_slip(f"it lasts {lasts_s:.4g}", f"its orbits take {asked_s:.4g} s", slip))
-    if run["session"] in AMPLITUDE_UNITS and lasts_s >= fewest_orbits(run["session"]) * orbit_s:
+    if not lasts_s >= fewest_orbits(run["session"]) * orbit_s:
+        return UnitFindings()
+    if run["session"] in AMPLITUDE_UNITS:
         return _stimulus(run, columns, step_s, orbit_s)
+    if run["session"] in EQUIVALENCE:
+        return gravity_findings(orbit_s, run["spin_frequency_hz"] if run["session"] == "ep_spin" else 0.0, columns)
     return UnitFindings()
 
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rigctl.campaign.layout import UnitFindings
 from rigctl.core.errors import DataError
 from rigctl.core.satellites import FlightSession
+from rigctl.experiments.inflight.columns import COLUMNS
 from rigctl.experiments.inflight.model.parameters import NAMES, SHARED
 from rigctl.experiments.inflight.observe.equivalence import reduce_test
 from rigctl.experiments.inflight.observe.pulses import FALSE_PER_DAY
@@ -325,3 +327,25 @@ def test_what_cannot_be_a_session_of_the_test_is_refused_in_a_line():
     t_s = STEP_S * np.arange(1000)
     with pytest.raises(DataError, match="column g_x is missing"):
         reduce_test("7", {"session": "ep_inertial"}, {"t_s": t_s}, ORBIT_S)
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+def test_gravity_is_held_to_the_orbit_and_the_turning(session):
+    samples = flown(nature(), session)[0]
+    constants = {"orbit_period_s": ORBIT_S, "eccentricity": ECCENTRICITY}
+
+    def found(factor=1.0, **row):
+        spoilt = {name: factor * column if name.startswith("g_") else column for name, column in samples.items()}
+        return COLUMNS.units_of(
+            {"session": session, "orbits": 8.0, "spin_frequency_hz": SESSIONS[session], **row}, spoilt, constants
+        )
+
+    assert found() == UnitFindings()
+    # As a factor of delta it would pass unseen.
+    assert found(1e3).slip.endswith(f"gravity there is {PULL_M_S2:.3g}: off by 1e+03; write it in m/s2")
+    assert "with a phase of 0 deg, gravity there is" in found(-1.0).contradiction
+    other = {"session": "ep_inertial" if session == "ep_spin" else "ep_spin", "spin_frequency_hz": SPIN_HZ}
+    assert found(**other).contradiction.endswith("and g_x, g_y, g_z towards the Earth")
+    # A session without gravity is left out where it is reduced.
+    del samples["g_x"]
+    assert found() == UnitFindings()

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
+from rigctl.experiments.inflight.observe.gravity import EARTH_M3_S2
 
-# WGS 84.
-EARTH_RADIUS_M, EARTH_M3_S2 = 6378137.0, 3.986004418e14
+EARTH_RADIUS_M = 6378137.0
+"""WGS 84."""
 
 _TURN_Y = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 """What turning the orbit from X to Z does to a direction, per radian."""

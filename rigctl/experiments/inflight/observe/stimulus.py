@@ -64,9 +64,9 @@ class _Seen:
 def stimulus_findings(session: Session, columns: Mapping[str, FloatArray]) -> UnitFindings:
     """The stated amplitude against what the session's own channel shows at the stimulus.
 
-    A power of a thousand between them is a unit; what a spring may do to a moved mass is remarked on; anything else is
-    another stimulus, perhaps that of another session. The samples must be long enough to tell the stimulus from lines
-    of the orbit.
+    A power of a thousand between them is a unit; what a spring may do to a moved mass is remarked on; anything else
+    is another stimulus, perhaps that of another session. The samples must be long enough to tell the stimulus from
+    lines of the orbit.
     """
     stated, unit = abs(session.amplitude), AMPLITUDE_UNITS[session.name]
     seen = _seen(session, session.name, columns)
@@ -91,8 +91,8 @@ def stimulus_findings(session: Session, columns: Mapping[str, FloatArray]) -> Un
     if seen.certain and session.name in (*MASS_MOTION, *QUADRATIC) and seen.amplitude <= _with_spring(session):
         return UnitFindings(
             remarks=(
-                f"{shown}, amplitude is {stated:g}: a spring that holds the mass does that (effect wire-stiffness); if "
-                "none does, write the amplitude that was flown",
+                f"{shown}, amplitude is {stated:g}: a spring that holds the mass does that (effect wire-stiffness); "
+                "if none does, write the amplitude that was flown",
             )
         )
     return UnitFindings(
@@ -109,17 +109,23 @@ def _seen(session: Session, name: str, columns: Mapping[str, FloatArray]) -> _Se
     """What the channel of session `name` shows at this session's frequency; all of its scatter counts as noise."""
     _, factors = _CHANNELS[name]
     channel = sum((factor * columns[column] for column, factor in factors.items()), np.zeros(len(columns["t_s"])))
-    there = np.isfinite(channel)
-    t_s, channel = columns["t_s"][there], channel[there]
-    if not len(t_s):
-        return _Seen(0.0, math.inf)
-    # Hann's window: lines of the orbit, some periods beside the stimulus, leave nothing in it.
-    window = 1.0 - np.cos(2.0 * np.pi * (t_s - columns["t_s"][0]) / (columns["t_s"][-1] - columns["t_s"][0]))
-    weight = window / np.sum(window)
-    channel = channel - weight @ channel
     w = 2.0 * np.pi * session.frequency_hz
-    amplitude = 2.0 * abs(complex(weight @ (channel * np.exp(-1j * w * t_s))))
-    sigma = float(np.std(channel)) * math.sqrt(2.0 * float(weight @ weight))
+    line, sigma = line_of(columns["t_s"], channel, session.frequency_hz)
     # Angles and displacements are seen by their accelerations.
     scale = 1.0 if name in LINEAR else w**-2
-    return _Seen(scale * amplitude, scale * sigma)
+    return _Seen(scale * abs(line), scale * sigma)
+
+
+def line_of(t_s: FloatArray, channel: FloatArray, frequency_hz: float) -> tuple[complex, float]:
+    """A channel's amplitude at a frequency, cosine less i sine, and its uncertainty if all scatter is noise: infinite
+    without samples."""
+    there = np.isfinite(channel)
+    if not there.any():
+        return 0.0j, math.inf
+    at_s, channel = t_s[there], channel[there]
+    # Hann's window: lines of the orbit, some periods beside, leave nothing in it.
+    window = 1.0 - np.cos(2.0 * np.pi * (at_s - t_s[0]) / (t_s[-1] - t_s[0]))
+    weight = window / np.sum(window)
+    channel = channel - weight @ channel
+    line = 2.0 * complex(weight @ (channel * np.exp(-2j * np.pi * frequency_hz * at_s)))
+    return line, float(np.std(channel)) * math.sqrt(2.0 * float(weight @ weight))

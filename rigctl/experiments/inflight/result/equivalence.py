@@ -106,8 +106,8 @@ def doubts(runs: Sequence[TestRun], calibrated: Calibrated, effects: Sequence[st
     `effects` of the model, which are fitted to the lines of calibration alone."""
     said = [
         f"run {run.run_id}: {found['value']:.2g} ± {found['sigma']:.2g} is in quadrature with gravity, where no "
-        "violation is: something else acts at the frequency of the test, and may shift delta by as much; find what it "
-        "is, or mark the run invalid"
+        "violation is: something else acts at the frequency of the test, and may shift delta by as much; find what "
+        "it is, or mark the run invalid"
         for run in runs
         if (found := _session(run, calibrated)["quadrature"])
         and _in_quadrature_p(run, calibrated, found) < DOUBTED_P / len(runs)
