@@ -22,6 +22,7 @@ from rigctl.experiments.inflight.model.residual_samples import Peak, Pulses, Run
 from rigctl.experiments.inflight.observations import observations_of
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import temperatures, without_pulses
+from rigctl.experiments.inflight.observe.sessions import CALIBRATION, EQUIVALENCE
 from rigctl.experiments.inflight.observe.store_reduction import kept_by, reduced_without, reduction
 from rigctl.experiments.inflight.observe.waves import templates
 from rigctl.experiments.inflight.sample_findings import relative_noise
@@ -85,6 +86,11 @@ class FlightData:
         """All valid runs; `DataError` when none can be used."""
         reduced = reduction(source).sorted_by(_contents)
         if not reduced.runs:
+            if source.runs() and all(run.conditions.get("session") in EQUIVALENCE for run in source.runs()):
+                raise DataError(
+                    "no run of this recording calibrates: it has sessions of the test only, which are corrected with "
+                    f"what others find; add some of {', '.join(CALIBRATION)}"
+                )
             raise DataError(f"no run of this recording can be used: {why_none(source, reduced.left_out)}")
         return cls(RecordedRuns(source, reduced))
 

@@ -337,6 +337,25 @@ def test_a_parameter_that_a_few_lines_pull_off_is_warned_of(flight, attempt):
     assert "2 m_dx, ad11 3 f " in said or "2 m_dx, k2d 3 f " in said
 
 
+def test_runs_that_the_published_estimate_leaves_out_are_named(flight):
+    once = recording(flight, spoil=lambda _, columns, conditions: (columns, {**conditions, "start_s": 0.0}))
+    [first] = [run for run in once.records if run.conditions["session"] == "ad11"]
+    later = replace(first, run_id="later", key="later", conditions={**first.conditions, "start_s": 1e7})
+    again = replace(once, records=[*once.records, later], columns={**once.columns, "later": once.columns["ad11"]})
+    study = InflightStudy(again)
+    [said] = calibration(study, parameters_of(study, ()), {})["remarks"]
+    assert said == (
+        "the published estimate takes one run of each session, the last: without ad11, which the joint one uses"
+    )
+
+
+def test_sessions_of_the_test_alone_calibrate_nothing(flight):
+    one = recording(flight, sessions=("dx",))
+    test = [replace(run, conditions={**run.conditions, "session": "ep_inertial"}) for run in one.records]
+    with pytest.raises(DataError, match=r"it has sessions of the test only, .*; add some of dx, dz, dx\+dz, dy"):
+        InflightStudy(replace(one, records=test)).data  # noqa: B018
+
+
 def test_only_what_no_session_tells_is_said_to_have_no_run(flight):
     def relabelled(name, columns, conditions):
         return columns, {**conditions, "session": "ad12"} if name == "ad13" else conditions

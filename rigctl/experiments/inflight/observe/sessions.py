@@ -39,6 +39,8 @@ GRADIENT = ("dx", "dz", "dx+dz")
 EQUIVALENCE = ("ep_inertial", "ep_spin")
 """Sessions of the test itself, inertial and turning; they calibrate nothing."""
 
+CALIBRATION = tuple(name for name in SESSIONS if name not in EQUIVALENCE)
+
 MASS_MOTION = ("ac12", "ac13")
 LINEAR = ("ad11", "ad12", "ad13", "k2d")
 QUADRATIC = ("k2c_1", "k2c_2")

@@ -33,7 +33,7 @@ def calibration(study: InflightStudy, joint: Mapping[str, Estimate], beyond: Map
             for name, unit in zip(NAMES, UNITS, strict=True)
         },
         "sweeps": paper.sweeps,
-        "remarks": [*remarks, *study.left_out.values(), *_of_published(paper)],
+        "remarks": [*remarks, *study.left_out.values(), *_of_repeated(study), *_of_published(paper)],
     }
 
 
@@ -50,6 +50,19 @@ def _of(paper: PaperEstimate, name: str) -> dict[str, float] | None:
     place = NAMES.index(name)
     value, sigma = float(paper.values[place]), float(paper.sigmas[place])
     return {"value": value, "sigma": sigma} if np.isfinite(value) else None
+
+
+def _of_repeated(study: InflightStudy) -> list[str]:
+    """Which runs the published estimate does not use, in one line."""
+    runs = study.data.reduced.runs
+    last = {run.session.name: run.run_id for run in runs}
+    others = [run.run_id for run in runs if last[run.session.name] != run.run_id]
+    if not others:
+        return []
+    return [
+        f"the published estimate takes one run of each session, the last: without {', '.join(others)}, which the joint "
+        "one uses"
+    ]
 
 
 def _of_published(paper: PaperEstimate) -> list[str]:
