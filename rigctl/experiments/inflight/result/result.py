@@ -60,8 +60,8 @@ def _of_repeated(study: InflightStudy) -> list[str]:
     if not others:
         return []
     return [
-        f"the published estimate takes one run of each session, the last: without {', '.join(others)}, which the joint "
-        "one uses"
+        f"the published estimate takes one run of each session, the last: without {', '.join(others)}, which the "
+        "joint one uses"
     ]
 
 
