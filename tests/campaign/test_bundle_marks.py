@@ -137,6 +137,22 @@ def test_platform_run_keeps_its_good_periods(platform):
     assert report.warnings == tuple(f"{platform.path}/runs/1.csv: {remark}" for remark in remarks)
 
 
+def test_columns_that_lose_the_same_samples_are_told_in_one_line(platform):
+    for line in (5, 6):
+        platform.set("runs/1.csv", line, "q_a_v", "nan")
+        platform.set("runs/1.csv", line, "q_b_v", "nan")
+    _, report = marked(platform.write(), "1")
+    assert report.warnings == (
+        f"{platform.path}/runs/1.csv: q_a_v, q_b_v: 2 of 600 samples missing, first in line 5",
+    )
+    platform.set("runs/1.csv", 9, "q_b_v", "nan")
+    _, report = marked(platform.write(), "1")
+    assert report.warnings == (
+        f"{platform.path}/runs/1.csv: q_a_v: 2 of 600 samples missing, first in line 5",
+        f"{platform.path}/runs/1.csv: q_b_v: 3 of 600 samples missing, first in line 5",
+    )
+
+
 def test_platform_run_without_one_reading_is_invalid(platform):
     for line in range(2, 602):
         platform.set("runs/4.csv", line, "q_b_v", "nan")

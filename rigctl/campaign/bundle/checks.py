@@ -166,11 +166,19 @@ def _time_base(t_s: FloatArray, step_s: float) -> list[str]:
 
 
 def _missing(file: SampleFile, names: Sequence[str]) -> list[str]:
-    return [remark for name in names for remark in _counted(file, name, ~np.isfinite(file.columns[name]), "missing")]
+    """Columns that miss the same samples, as telemetry that is lost does, are one finding."""
+    alike: dict[bytes, list[str]] = {}
+    for name in names:
+        alike.setdefault(np.isfinite(file.columns[name]).tobytes(), []).append(name)
+    return [
+        remark
+        for together in alike.values()
+        for remark in _counted(file, ", ".join(together), ~np.isfinite(file.columns[together[0]]), "missing")
+    ]
 
 
 def _counted(file: SampleFile, name: str, bad: BoolArray, what: str) -> list[str]:
-    """How many samples of a column are `bad`, and where the first is; nothing where none is."""
+    """How many samples of a column, or of several alike, are `bad`, and where the first is; nothing where none is."""
     if not bad.any():
         return []
     return [f"{name}: {int(bad.sum())} of {bad.size} samples {what}, first in {file.where(int(np.argmax(bad)))}"]
