@@ -19,6 +19,8 @@ from rigctl.core.errors import ConfigError, LimitError
 from rigctl.experiments.analysis import analysis_of
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.files.rig_file import parse_rig
+from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.attempt import Attempt
 
 F0_HZ, Q, GAIN = 42.0, 0.8, 1.25
 SHORT = {
@@ -178,6 +180,20 @@ def test_heads_on_their_own_clock_give_the_same(made: Made) -> None:
     for each in found:
         off = each["magnitude"]["value"] - abs(transfer(each["frequency_hz"]))
         assert abs(off) < 4.0 * each["budget"]["noise of the magnitude"]["magnitude"]
+
+
+@pytest.mark.parametrize("effects", [["resonance", "time-skew"], ["time-skew", "resonance"]])
+def test_effects_alike_near_zero_are_fitted_together_without_one_before_the_other(
+    made: Made, effects: list[str]
+) -> None:
+    late_s = 2e-4
+    with Store.open(made({"frequency_hz = 42.0\n": f"frequency_hz = 42.0\nlate_s = {late_s}\n"})) as store:
+        attempt = Attempt(workbench_of(store).study, [Term(effect) for effect in effects])
+    found = attempt.estimates()
+    assert not attempt.held
+    w0 = 2.0 * math.pi * F0_HZ
+    for name, truth in (("tau", late_s), ("inv_w0_squared", w0**-2.0), ("damping", 1.0 / (w0 * Q))):
+        assert abs(found[name].value - truth) < 4.0 * found[name].sigma
 
 
 def test_what_to_measure_next_is_what_the_rig_can_do(made: Made, desk: Any) -> None:

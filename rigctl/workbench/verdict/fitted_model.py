@@ -252,9 +252,10 @@ def fit_with_given_noise(
     with suppress(*UNFIT):
         if held:
             return _fitted_from(model, noise, held, usable)
-        return _held_where_it_ends(
+        found = _held_where_it_ends(
             _fitted_from(model, noise, absorbed_parameters(model, noise, scanned, usable), usable)
         )
+        return found if usable else _freed_where_effects_end(found)
     # Where another model ended may be nowhere to start from.
     if usable:
         with suppress(*UNFIT):
@@ -262,7 +263,9 @@ def fit_with_given_noise(
     # An effect may be determined only where the model without effects fits.
     effects = frozenset(each.name for each, owner in zip(model.parameters, model.owners, strict=True) if owner)
     without = _fitted_from(model, noise, effects, {}).values
-    return _fitted_from(model, noise, absorbed_parameters(model, noise, scanned, without), without)
+    return _freed_where_effects_end(
+        _fitted_from(model, noise, absorbed_parameters(model, noise, scanned, without), without)
+    )
 
 
 def _held_where_it_ends(fitted: FittedModel) -> FittedModel:
@@ -280,6 +283,27 @@ def _held_where_it_ends(fitted: FittedModel) -> FittedModel:
             if freed.result.chi2 <= fitted.result.chi2:
                 return freed
     return fitted
+
+
+def _freed_where_effects_end(fitted: FittedModel) -> FittedModel:
+    """The best fit from where one of the effects alone ends, if fewer parameters are imitated there.
+
+    Near zero a delay does what damping does, and one of them is held; at the size that damping has they differ.
+    """
+    model, best = fitted.model, fitted
+    effects = dict.fromkeys(owner for owner in model.owners if owner)
+    if not fitted.held or len(effects) < 2:
+        return fitted
+    names = [each.name for each in model.parameters]
+    for effect in effects:
+        others = frozenset(name for name, owner in zip(names, model.owners, strict=True) if owner not in ("", effect))
+        with suppress(*UNFIT):
+            alone = _fitted_from(model, fitted.noise, others, {}).values
+            held = absorbed_parameters(model, fitted.noise, fitted.scanned, alone)
+            if held < best.held:
+                freed = _fitted_from(model, fitted.noise, held, alone)
+                best = min(best, freed, key=lambda each: each.result.chi2)
+    return best
 
 
 def _fitted_from(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]) -> FittedModel:
