@@ -182,6 +182,20 @@ def test_heads_on_their_own_clock_give_the_same(made: Made) -> None:
         assert abs(off) < 4.0 * each["budget"]["noise of the magnitude"]["magnitude"]
 
 
+@pytest.mark.parametrize("command", ["result", "compare", "diagnose", "next"])
+def test_runs_at_one_frequency_are_a_recording_like_any_other(made: Made, desk: Any, command: str) -> None:
+    assert desk.rigctl("export", made(), "bundle").status == 0
+    rows = desk.directory / "bundle" / "runs.csv"
+    head, *runs = rows.read_text().splitlines()
+    place = head.split(",").index("frequency_hz")
+    alone = [run for run in runs if run.split(",")[place] == "3.15"]
+    assert len(alone) == 4
+    rows.write_text("\n".join([head, *alone]) + "\n")
+    assert desk.rigctl("import", "bundle", "--store", "one.rig.sqlite").status == 0
+    found = desk.rigctl(command, "one.rig.sqlite", "--json")
+    assert found.status == 0, found.err
+
+
 @pytest.mark.parametrize("effects", [["resonance", "time-skew"], ["time-skew", "resonance"]])
 def test_effects_alike_near_zero_are_fitted_together_without_one_before_the_other(
     made: Made, effects: list[str]

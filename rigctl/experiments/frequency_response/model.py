@@ -64,6 +64,7 @@ def recorded(runs: Sequence[Sensitivity], bench: Bench) -> Recorded:
     known = dict.fromkeys([*names, *extra, "frequency_hz"])
     covariates = {name: np.array([run.number(name) for run in runs]) for name in known}
     covariates["acceleration_m_s2"] = np.array([run.acceleration_m_s2 for run in runs])
+    covariates = {name: column for name, column in covariates.items() if np.ptp(column) != 0.0}
     observations = Observations(
         run_ids=tuple(run.run_id for run in runs),
         series=tuple(Series(ACCEL, name, unit) for name, unit in PARTS),
@@ -76,8 +77,9 @@ def recorded(runs: Sequence[Sensitivity], bench: Bench) -> Recorded:
         group_of=np.zeros(2 * count, dtype=np.intp),
         # Neighbours in time held out together: what drifts is then predicted, not interpolated.
         block_of=np.arange(count, dtype=np.intp) * min(BLOCKS, count) // count,
-        covariates={name: column for name, column in covariates.items() if np.ptp(column) != 0.0},
-        frequency="frequency_hz",
+        covariates=covariates,
+        # At one frequency nothing goes as a power of it.
+        frequency="frequency_hz" if "frequency_hz" in covariates else None,
     )
     return Recorded(tuple(runs), bench, observations, shaken(runs, bench.g_m_s2))
 
