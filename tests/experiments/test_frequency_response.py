@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, Recordi
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.frequency_response.chain import trial_run
+from rigctl.experiments.frequency_response.imagined import imagined, options
 from rigctl.experiments.frequency_response.model import Bench
 from rigctl.experiments.frequency_response.observables import Sensitivity, fitted_run, sensitivities
 from rigctl.experiments.frequency_response.result import OUTPUTS, measurement
@@ -138,6 +140,19 @@ def test_a_filter_is_its_response_at_the_drives_frequency() -> None:
     # A cosine through a pole: its in-phase part over 1 + (w tau)^2, and w tau of it a quarter later.
     expected = (run.signal + w * tau * np.roll(run.signal, 8, axis=1)) / (1.0 + (w * tau) ** 2)
     np.testing.assert_allclose(passed, expected, rtol=0.0, atol=1e-12 * np.abs(run.signal).max())
+
+
+def test_runs_to_come_begin_at_the_same_time_whatever_else_is_proposed() -> None:
+    runs = [
+        replace(run, conditions={**run.conditions, "start_s": 40.0 * place, "temperature_c": 20.0 + 0.1 * place})
+        for place, run in enumerate(reduced(0))
+    ]
+    proposed = options(runs)
+    alone = [imagined([each], runs)[0].conditions for each in proposed]
+    assert [each.conditions for each in imagined(proposed, runs)] == alone
+    (start_s,) = {each["start_s"] for each in alone}
+    # On the line on which the room went, so that it is told from a drift by none of them.
+    assert all(each["temperature_c"] == pytest.approx(20.0 + 0.1 * start_s / 40.0) for each in alone)
 
 
 def response(of_run: dict[str, FloatArray], **record: object) -> Recording:

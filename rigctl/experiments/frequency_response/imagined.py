@@ -44,10 +44,15 @@ def options(runs: Sequence[Sensitivity]) -> list[Proposal]:
 
 
 def imagined(proposals: Sequence[Proposal], runs: Sequence[Sensitivity]) -> list[Sensitivity]:
-    """Proposals as runs, one after the other; the noise of each is that of the run of the nearest frequency."""
+    """Proposals as runs; the noise of each is that of the run of the nearest frequency.
+
+    Each is the next run, for it is one of many that may be chosen: its place in the list is no time at which it
+    would begin.
+    """
     last, found = runs[-1], []
     mountings = {run.direction: run.mounting for run in runs}
     start_s = last.number("start_s") + last.duration_s + OVERHEAD_S
+    temperature_c = _as_it_went_on(runs, start_s)
     for place, each in enumerate(proposals, start=1):
         frequency_hz, acceleration = each.settings["frequency_hz"], each.settings["acceleration_m_s2"]
         direction = 1 if each.settings["direction"] == "forward" else -1
@@ -59,6 +64,7 @@ def imagined(proposals: Sequence[Proposal], runs: Sequence[Sensitivity]) -> list
             "frequency_hz": frequency_hz,
             "amplitude_mm": 1e3 * acceleration / (2.0 * math.pi * frequency_hz) ** 2,
             "start_s": start_s,
+            "temperature_c": temperature_c,
         }
         # Output and displacement have noise of their own size: what it does to S goes with the amplitude.
         sigma = like.sigma * like.acceleration_m_s2 / acceleration
@@ -75,5 +81,17 @@ def imagined(proposals: Sequence[Proposal], runs: Sequence[Sensitivity]) -> list
                 like.own_clock,
             )
         )
-        start_s += like.duration_s + OVERHEAD_S
     return found
+
+
+def _as_it_went_on(runs: Sequence[Sensitivity], start_s: float) -> float:
+    """The temperature of a run that begins then, if it goes on changing as it did; NaN where it was not recorded.
+
+    A straight line in time tells nothing apart from a drift: no promise rests on it.
+    """
+    known = np.array([(run.number("start_s"), run.number("temperature_c")) for run in runs])
+    since_s = known[:, 0] - known[:, 0].mean()
+    if len(runs) < 3 or not np.isfinite(known).all() or not since_s.any():
+        return float(known[-1, 1])
+    slope = float(since_s @ known[:, 1] / (since_s @ since_s))
+    return float(known[:, 1].mean() + slope * (start_s - known[:, 0].mean()))
