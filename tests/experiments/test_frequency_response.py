@@ -16,9 +16,10 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.frequency_response.chain import trial_run
 from rigctl.experiments.frequency_response.imagined import imagined, options
-from rigctl.experiments.frequency_response.model import Bench
+from rigctl.experiments.frequency_response.model import Bench, recorded
 from rigctl.experiments.frequency_response.observables import Sensitivity, fitted_run, sensitivities
-from rigctl.experiments.frequency_response.result import OUTPUTS, measurement
+from rigctl.experiments.frequency_response.reference import Reference, reference_of
+from rigctl.experiments.frequency_response.result import OUTPUTS, measurement, response_result
 from rigctl.experiments.frequency_response.study import ResponseStudy
 
 RATE_HZ, LENGTH_S, S = 200.0, 12.0, 1.3 * np.exp(-0.4j)
@@ -123,9 +124,73 @@ def test_a_run_without_a_laser_has_no_reference() -> None:
         fitted_run("1", {"direction": 1, "frequency_hz": CASES[0][0]}, without, {}, {})
 
 
+@pytest.mark.parametrize("factor", [0.0, 0.5, 2.0])
+def test_a_head_that_does_not_follow_the_carriage_is_none(factor: float) -> None:
+    made = samples(*CASES[0], np.random.default_rng(4))
+    made["laser_2_mm"] = factor * made["laser_2_mm"] + 7.0
+    with pytest.raises(DataError, match=r"laser_2_mm shows .* the stage 5 mm: does the head see the carriage\?"):
+        fitted_run("1", {"direction": 1, "frequency_hz": CASES[0][0]}, made, {}, {})
+
+
+HEADS_U = {"laser_1_mm": 3e-4, "laser_2_mm": 3e-4}
+
+
+def with_heads(scales: dict[str, float]) -> list[Sensitivity]:
+    """Runs of all cases, recorded with these heads."""
+    runs = []
+    for number, (frequency_hz, amplitude_mm, direction) in enumerate(CASES):
+        given = {"direction": direction, "frequency_hz": frequency_hz, "mounting": 1}
+        made = samples(frequency_hz, amplitude_mm, direction, np.random.default_rng([6, number]))
+        read = {name: scale * made[name] for name, scale in scales.items()}
+        kept = {name: column for name, column in made.items() if "laser" not in name}
+        runs.append(fitted_run(str(number), given, {**kept, **read}, {}, {}))
+    return sensitivities(runs)
+
+
+def test_the_reference_is_as_good_as_the_heads_that_were_recorded() -> None:
+    both = reference_of(with_heads({"laser_1_mm": 1.0003, "laser_2_mm": 0.9997}), HEADS_U)
+    assert (both.u, both.remarks) == (pytest.approx(3e-4 / math.sqrt(2.0)), ())
+    assert reference_of(with_heads({"laser_1_mm": 1.0}), HEADS_U) == Reference(3e-4)
+
+
+def test_heads_that_disagree_are_said_and_their_scatter_counts() -> None:
+    runs = with_heads({"laser_1_mm": 1.04, "laser_2_mm": 1.0})
+    found = response_result(recorded(runs, Bench(heads_u=HEADS_U)))
+    (remark,) = found.remarks
+    assert remark.startswith("laser heads disagree: laser_1_mm reads +2 % against the mean of laser_1_mm, laser_2_mm")
+    for each in found.as_json()["sensitivity"]:
+        size = each["magnitude"]
+        # What the mean is off by is half of what the heads differ by.
+        assert each["budget"]["reference"]["magnitude"] == pytest.approx(0.02 / 1.02 * size["value"], rel=0.01)
+        assert abs(size["value"] - abs(S)) < size["U"]
+
+
+def test_a_run_counts_at_the_frequency_that_it_was_driven_at() -> None:
+    frequency_hz, amplitude_mm, direction = CASES[1]
+    made = [samples(frequency_hz, amplitude_mm, direction, np.random.default_rng([7, each])) for each in range(2)]
+    asked_hz = (frequency_hz * 1.002, 1.3 * frequency_hz)
+    given = [{"direction": direction, "frequency_hz": each, "mounting": 1} for each in asked_hz]
+    runs = sensitivities([fitted_run(str(i), given[i], made[i], {}, {}) for i in range(2)])
+    found = response_result(recorded(runs, Bench()))
+    # A drive that misses a little what was asked for is called by that.
+    assert [each.frequency_hz for each in found.frequencies] == [frequency_hz, asked_hz[0]]
+    assert found.remarks == ("run 1 was driven at 2.03 Hz and counts there; its frequency_hz says 2.639: correct it",)
+
+
+def test_a_direction_that_all_other_runs_contradict_is_said() -> None:
+    frequency_hz, amplitude_mm, direction = CASES[2]
+    runs = []
+    for number, stated in enumerate((direction, direction, -direction)):
+        made = samples(frequency_hz, amplitude_mm, direction, np.random.default_rng([8, number]))
+        given = {"direction": stated, "frequency_hz": frequency_hz, "mounting": 1}
+        runs.append(fitted_run(str(number), given, made, {}, {}))
+    (remark,) = response_result(recorded(sensitivities(runs), Bench())).remarks
+    assert remark.startswith("the output of run 2 goes against that of most others at 7 Hz: its direction says -1")
+
+
 def test_the_budget_agrees_with_monte_carlo() -> None:
-    bench = Bench(delay_u_s=2e-4, gain_u=3e-4, reference_u=5e-3, frequency_u=1e-3, pitch_u_rad_m=6e-5, g_m_s2=9.8)
-    measured, inputs = measurement(0.7, 1.3 * np.exp(-0.2j), 2e-3, 200.0, bench)
+    bench = Bench(delay_u_s=2e-4, gain_u=3e-4, frequency_u=1e-3, pitch_u_rad_m=6e-5, g_m_s2=9.8)
+    measured, inputs = measurement(0.7, 1.3 * np.exp(-0.2j), 2e-3, 200.0, bench, Reference(5e-3))
     first_order = budget(measured, inputs, OUTPUTS)
     drawn = monte_carlo(measured, inputs, OUTPUTS, draws=20_000, seed=1)
     checked = compare(first_order, drawn)

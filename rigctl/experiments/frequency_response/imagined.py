@@ -22,7 +22,7 @@ def options(runs: Sequence[Sensitivity]) -> list[Proposal]:
 
     No displacement is larger than the largest there was. The direction that is mounted comes first.
     """
-    used = sorted({run.number("frequency_hz") for run in runs})
+    used = sorted({run.nominal_hz for run in runs})
     between = [math.sqrt(low * high) for low, high in pairwise(used)]
     largest_m = max(run.acceleration_m_s2 / run.omega**2 for run in runs)
     accelerations = [run.acceleration_m_s2 for run in runs]

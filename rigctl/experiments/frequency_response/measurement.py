@@ -25,12 +25,17 @@ def sensitivities_measured(result: ResponseResult) -> MeasurementResult:
             for each, column in zip(row.budget.contributions, row.budget.components.T, strict=True)
         ),
     )
-    remarks = tuple(
+    scattered = tuple(
         f"Runs at {names[row.frequency_hz]} scatter beyond their noise: weighed by their scatter."
         for row in result.frequencies
         if row.scattered
     )
+    remarks = (*scattered, *map(_sentence, result.remarks))
     return checked(MeasurementResult(quantities, tuple(sources), METHOD, remarks, of_model=False))
+
+
+def _sentence(remark: str) -> str:
+    return f"{remark[0].upper()}{remark[1:]}."
 
 
 def _places(frequencies: int) -> list[slice]:

@@ -32,15 +32,15 @@ class Bench:
     """What is known beforehand: gravity, standard uncertainties, beam tilts by head.
 
     `delay_u_s` is that of the time between the recorders of output and displacement; relative are `gain_u` of the
-    voltmeter, `reference_u` of the displacement, `frequency_u` of the clock. `pitch_u_rad_m` is the guide's.
+    voltmeter, `heads_u` of each head's displacement, `frequency_u` of the clock. `pitch_u_rad_m` is the guide's.
     """
 
     g_m_s2: float = 9.80665
     delay_u_s: float = 0.0
     gain_u: float = 0.0
-    reference_u: float = 0.0
     frequency_u: float = 0.0
     pitch_u_rad_m: float = 0.0
+    heads_u: Mapping[str, float] = field(default_factory=dict)
     tilts_rad: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -63,6 +63,7 @@ def recorded(runs: Sequence[Sensitivity], bench: Bench) -> Recorded:
     extra = [name for run in runs for name in run.conditions if math.isfinite(run.number(name))]
     known = dict.fromkeys([*names, *extra, "frequency_hz"])
     covariates = {name: np.array([run.number(name) for run in runs]) for name in known}
+    covariates["frequency_hz"] = np.array([run.nominal_hz for run in runs])
     covariates["acceleration_m_s2"] = np.array([run.acceleration_m_s2 for run in runs])
     covariates = {name: column for name, column in covariates.items() if np.ptp(column) != 0.0}
     observations = Observations(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,12 @@ from rigctl.experiments.frequency_response.columns import ACCEL, STAGE, is_head
 
 HARMONICS = 3
 NOISE_DOF = 40.0
+_FOLLOWS = 1.5
+"""A head that shows the motion larger or smaller than the encoder by this factor does not look at the carriage."""
+
+_AS_ASKED = 0.01
+"""Relative: a drive that is farther from the frequency that was asked for is one at another frequency."""
+
 _MM = 1e-3
 
 
@@ -56,10 +62,19 @@ class FittedRun:
 
 
 @dataclass(frozen=True)
+class HeadReading:
+    """How much more a head reads than the mean of all heads, relative, with what its noise alone makes of it."""
+
+    excess: float
+    sigma: float
+
+
+@dataclass(frozen=True)
 class Sensitivity:
     """One run: S with the sigma of each of its parts [V s2/m], and what it was taken at.
 
-    `acceleration_m_s2` is the amplitude; `own_clock` tells that the lasers' phase was taken from the encoder.
+    `acceleration_m_s2` is the amplitude; `own_clock` tells that the lasers' phase was taken from the encoder; `heads`
+    are those that the displacement is the mean of.
     """
 
     run_id: str
@@ -71,6 +86,14 @@ class Sensitivity:
     dof: float
     acceleration_m_s2: float
     own_clock: bool
+    heads: Mapping[str, HeadReading] = field(default_factory=dict)
+
+    @property
+    def nominal_hz(self) -> float:
+        """The frequency that was asked for; where the encoder shows another, that one."""
+        asked_hz = self.number("frequency_hz")
+        as_asked = abs(self.frequency_hz - asked_hz) < _AS_ASKED * asked_hz
+        return asked_hz if as_asked else float(f"{self.frequency_hz:.4g}")
 
     @property
     def omega(self) -> float:
@@ -122,7 +145,17 @@ def fitted_run(
             heads[name] = _along(_own_clock_line(own_s, reading_m, basis.frequency_hz, reference, clock_u_s))
     if not heads:
         raise DataError("no laser head was recorded; the displacement has no reference")
+    for name, line in heads.items():
+        _require_to_follow(name, abs(line.value), abs(reference), basis.frequency_hz)
     return FittedRun(run_id, dict(conditions), basis.frequency_hz, basis.duration_s, output, heads)
+
+
+def _require_to_follow(name: str, head_m: float, stage_m: float, frequency_hz: float) -> None:
+    """That a head looks at the carriage: with another the mean of all would be off by as much as this one is."""
+    if not stage_m / _FOLLOWS < head_m < stage_m * _FOLLOWS:
+        said = f"{name} shows {head_m / _MM:.3g} mm of motion at {frequency_hz:.4g} Hz"
+        mend = "does the head see the carriage? leave its column out where it does not"
+        raise DataError(f"{said}, the stage {stage_m / _MM:.3g} mm: {mend}")
 
 
 @dataclass(frozen=True)
@@ -195,7 +228,8 @@ def _sensitivity(run: FittedRun, spectra: Mapping[str, Spectrum]) -> Sensitivity
     heads = list(run.displacement_m.items())
     # Heads beside each other: their mean is free of the stage's turning.
     displacement = complex(np.mean([line.value for _, line in heads]))
-    variance = sum(variance_of(name, line)[0] for name, line in heads) / len(heads) ** 2
+    variances = {name: variance_of(name, line)[0] for name, line in heads}
+    variance = sum(variances.values()) / len(heads) ** 2
     w = 2.0 * math.pi * run.frequency_hz
     acceleration = -(w**2) * displacement
     value = int(run.conditions["direction"]) * run.output_v.value / acceleration
@@ -212,6 +246,14 @@ def _sensitivity(run: FittedRun, spectra: Mapping[str, Spectrum]) -> Sensitivity
         dof,
         abs(acceleration),
         any(line.clock is not None for _, line in heads),
+        {
+            name: HeadReading(
+                abs(line.value) / abs(displacement) - 1.0,
+                # It is part of the mean itself.
+                math.sqrt(max(variance + (1.0 - 2.0 / len(heads)) * variances[name], 0.0)) / abs(displacement),
+            )
+            for name, line in heads
+        },
     )
 
 

@@ -14,6 +14,7 @@ from rigctl.analysis.budget import Budget, Contribution, Measurement, budget
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.frequency_response.model import Bench, Recorded
 from rigctl.experiments.frequency_response.observables import Sensitivity
+from rigctl.experiments.frequency_response.reference import Reference, reference_of
 
 OUTPUTS = ("magnitude", "phase_deg")
 UNITS = ("V s2/m", "deg")
@@ -91,6 +92,7 @@ class ResponseResult:
     covariance: Mapping[str, FloatArray]
     linearity: Linearity
     asymmetry: tuple[float, float] | None
+    remarks: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
         """Keys of `rigctl result --json`."""
@@ -100,21 +102,48 @@ class ResponseResult:
             "covariance": {name: matrix.tolist() for name, matrix in self.covariance.items()},
             "linearity": self.linearity.as_json(),
             "direction_asymmetry": both,
+            "remarks": list(self.remarks),
         }
 
 
 def response_result(data: Recorded) -> ResponseResult:
     """Everything that follows from the runs alone, whatever the model."""
     groups = _by_frequency(data.runs)
-    rows = tuple(_at_frequency(frequency_hz, runs, data.bench) for frequency_hz, runs in groups.items())
+    reference = reference_of(data.runs, data.bench.heads_u)
+    rows = tuple(_at_frequency(frequency_hz, runs, data.bench, reference) for frequency_hz, runs in groups.items())
     covariance = {name: _covariance(rows, row) for row, name in enumerate(OUTPUTS)}
-    return ResponseResult(rows, covariance, linearity(groups), asymmetry(groups))
+    remarks = (*reference.remarks, *_other_frequencies(data.runs), *_other_directions(groups))
+    return ResponseResult(rows, covariance, linearity(groups), asymmetry(groups), remarks)
+
+
+def _other_frequencies(runs: Sequence[Sensitivity]) -> list[str]:
+    return [
+        f"run {run.run_id} was driven at {run.nominal_hz:g} Hz and counts there; its frequency_hz says "
+        f"{run.number('frequency_hz'):g}: correct it"
+        for run in runs
+        if run.nominal_hz != run.number("frequency_hz")
+    ]
+
+
+def _other_directions(groups: Mapping[float, Sequence[Sensitivity]]) -> list[str]:
+    """Runs whose output goes against that of most others of their frequency."""
+    found = []
+    for frequency_hz, runs in groups.items():
+        value = np.array([run.value for run in runs])
+        against = np.sum((value[:, None] * value.conj()).real < 0.0, axis=1)
+        found += [
+            f"the output of run {run.run_id} goes against that of most others at {frequency_hz:g} Hz: its direction "
+            f"says {run.direction:+d}; correct it, or mark the run invalid"
+            for run, others in zip(runs, against.tolist(), strict=True)
+            if 2 * others > len(runs)
+        ]
+    return found
 
 
 def _by_frequency(runs: Sequence[Sensitivity]) -> dict[float, list[Sensitivity]]:
     groups: dict[float, list[Sensitivity]] = {}
-    for run in sorted(runs, key=lambda each: each.number("frequency_hz")):
-        groups.setdefault(run.number("frequency_hz"), []).append(run)
+    for run in sorted(runs, key=lambda each: each.nominal_hz):
+        groups.setdefault(run.nominal_hz, []).append(run)
     return groups
 
 
@@ -126,7 +155,9 @@ def weighted_mean(runs: Sequence[Sensitivity]) -> tuple[complex, float, float]:
     return mean, float(weight.sum() ** -0.5), float(weight @ np.abs(value - mean) ** 2)
 
 
-def _at_frequency(frequency_hz: float, runs: Sequence[Sensitivity], bench: Bench) -> AtFrequency:
+def _at_frequency(
+    frequency_hz: float, runs: Sequence[Sensitivity], bench: Bench, reference: Reference
+) -> AtFrequency:
     from scipy.special import chdtrc  # 0.1 s, which a printed status does not need
 
     mean, sigma, chi2 = weighted_mean(runs)
@@ -136,19 +167,19 @@ def _at_frequency(frequency_hz: float, runs: Sequence[Sensitivity], bench: Bench
     behind = float(dof) if scattered else sum(run.dof for run in runs)
     if scattered:
         sigma *= math.sqrt(chi2 / dof)
-    measured, contributions = measurement(frequency_hz, mean, sigma, behind, bench)
+    measured, contributions = measurement(frequency_hz, mean, sigma, behind, bench, reference)
     return AtFrequency(frequency_hz, len(runs), mean, budget(measured, contributions, OUTPUTS), scattered)
 
 
 def measurement(
-    frequency_hz: float, mean: complex, sigma: float, dof: float, bench: Bench
+    frequency_hz: float, mean: complex, sigma: float, dof: float, bench: Bench, reference: Reference
 ) -> tuple[Measurement, list[Contribution]]:
     """Magnitude and phase as a function of all that is uncertain in them."""
     size, phase_deg = abs(mean), math.degrees(cmath.phase(mean))
     contributions = [
         Contribution(OWN[0], size, sigma, "V s2/m", "A", dof=dof, source="samples"),
         Contribution(OWN[1], phase_deg, math.degrees(sigma / size), "deg", "A", dof=dof, source="samples"),
-        Contribution("reference", 0.0, bench.reference_u, "1", source="certificates of the laser heads: scale, tilt"),
+        Contribution("reference", 0.0, reference.u, "1", source=reference.source),
         Contribution("voltmeter", 0.0, bench.gain_u, "1", source="certificate of the readout: scale"),
         Contribution("clock", 0.0, bench.frequency_u, "1", source="certificate of the readout: clock"),
         Contribution("guide", 0.0, bench.pitch_u_rad_m, "rad/m", source="certificate of the stage: pitch_rad_per_m"),
@@ -197,7 +228,7 @@ def linearity(groups: Mapping[float, Sequence[Sensitivity]]) -> Linearity:
     deviations = tuple(
         Deviation(
             run.run_id,
-            run.number("frequency_hz"),
+            run.nominal_hz,
             run.direction,
             run.acceleration_m_s2,
             size / rest - 1.0,

@@ -33,14 +33,13 @@ def bench_of(header: Header) -> Bench:
     late_s = [certified.get(name, {}).get("latency_s", 0.0) for name in timed]
     # Heads are triggered alike: what one is late the others are.
     displacement_u_s = math.sqrt(sum(each**2 for each in late_s) / max(len(late_s), 1))
-    scale = math.sqrt(sum(head.u_scale**2 for head in heads.values())) / max(len(heads), 1)
     return Bench(
         g_m_s2=float(header.constants.get("g_m_s2", Bench.g_m_s2)),
         delay_u_s=math.hypot(certified.get(ACCEL, {}).get("latency_s", 0.0), displacement_u_s),
         gain_u=certified.get(ACCEL, {}).get("scale", 0.0),
-        reference_u=scale,
         frequency_u=certified.get(ACCEL, {}).get("clock", 0.0),
         pitch_u_rad_m=certified.get("stage", {}).get("pitch_rad_per_m", 0.0),
+        heads_u={name: head.u_scale for name, head in heads.items()},
         tilts_rad={name: head.tilt_rad for name, head in heads.items()},
     )
 

@@ -57,9 +57,10 @@ def _sensitivities(found: Mapping[str, Any]) -> ResultTable:
         rows.append([f"{each['frequency_hz']:g}", *shown])
     columns = ["#f [Hz]", "#|S| [V/(m/s2)]", "#u [%]", "#U [%]", "#phase [deg]", "#U [deg]", "#k", "#runs"]
     scattered = [each["scatter_beyond_noise"] for each in found["sensitivity"]]
-    notes = ["bold: the runs of this frequency scatter more than their noise, as amplitudes or directions differ"]
+    bold = "bold: the runs of this frequency scatter more than their noise, as amplitudes or directions differ"
+    notes = [*([bold] if any(scattered) else []), *found["remarks"]]
     words = "Complex sensitivity; U = k u is the expanded uncertainty for 95 %."
-    return ResultTable(words, columns, rows, marked=scattered, notes=notes if any(scattered) else [])
+    return ResultTable(words, columns, rows, marked=scattered, notes=notes)
 
 
 def _budget(found: Mapping[str, Any]) -> ResultTable:
