@@ -34,6 +34,20 @@ def test_what_is_left_is_reckoned_by_what_each_run_takes(tmp_path: Path, now: li
         assert progress.status()["eta_s"] == 0.0
 
 
+def test_a_campaign_that_is_killed_before_it_plans_anew_keeps_what_was_planned(
+    tmp_path: Path, now: list[float]
+) -> None:
+    with Store.create(tmp_path / "x", Header("table")) as store:
+        first = Progress(store)
+        first.plan(48)
+        first.state("running")
+        resumed = Progress(store)
+        resumed.state("running")
+        assert store.status()["runs_planned"] == 48  # type: ignore[index]
+        resumed.plan(40)
+        assert resumed.status()["runs_planned"] == 40
+
+
 def test_without_knowing_all_runs_take_the_same_and_replayed_ones_nothing(tmp_path: Path, now: list[float]) -> None:
     with Store.create(tmp_path / "x", Header("table")) as store:
         progress = Progress(store)
