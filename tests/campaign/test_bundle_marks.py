@@ -222,3 +222,9 @@ def test_pasted_rows_are_told_of_unless_they_are_marked_invalid(readings, mark, 
     pasted = [row.removesuffix("1") + mark for row in rows[20:40]]
     readings.table("readings.csv", "load_lb,deflection_in,time_s,day,empty,valid", *rows, *pasted)
     assert len(read_bundle(readings.write()).report.warnings) == warnings
+
+
+def test_a_row_of_a_table_is_marked_in_its_file(readings, desk):
+    assert desk.rigctl("import", readings.write(), "--store", desk.store).status == 0
+    said = "no run 3; the rows of a table are one run, readings; a row is left out by valid = 0 in readings.csv"
+    desk.rigctl("mark", desk.store, "3", "--invalid", "slammed").refused(2, said)

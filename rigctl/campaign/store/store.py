@@ -16,7 +16,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
+from rigctl.campaign.recording import READINGS, Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.store import ledger, schema
 from rigctl.campaign.store.checked_rows import CheckedRows, Row
 from rigctl.campaign.store.entries import Document, Event
@@ -227,6 +227,9 @@ class Store:
         known = [name for (name,) in self._rows.read("SELECT run_id FROM runs ORDER BY number")]
         if not known:
             return "it has no runs yet"
+        if known == [READINGS]:
+            left_out = "a row is left out by valid = 0 in readings.csv, imported anew"
+            return f"the rows of a table are one run, {READINGS}; {left_out}"
         return f"the nearest are {', '.join(difflib.get_close_matches(run_id, known, n=3, cutoff=0.0))}"
 
     # Events, requests, status
