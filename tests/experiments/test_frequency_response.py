@@ -177,6 +177,22 @@ def test_a_run_counts_at_the_frequency_that_it_was_driven_at() -> None:
     assert found.remarks == ("run 1 was driven at 2.03 Hz and counts there; its frequency_hz says 2.639: correct it",)
 
 
+@pytest.mark.parametrize(("larger", "swept"), [(1.002, False), (3.0, True)])
+def test_the_linearity_needs_amplitudes_that_were_measured_not_ones_that_are_stated(
+    larger: float, swept: bool
+) -> None:
+    frequency_hz, amplitude_mm, direction = CASES[1]
+    given = {"direction": direction, "frequency_hz": frequency_hz, "mounting": 1}
+    runs = []
+    for number, factor in enumerate((1.0, larger)):
+        made = samples(frequency_hz, factor * amplitude_mm, direction, np.random.default_rng([9, number]))
+        runs.append(fitted_run(str(number), given, made, {}, {}))
+    found = response_result(recorded(sensitivities(runs), Bench())).linearity
+    assert (found.kappa_s4_m2 is not None) is swept
+    if found.kappa_s4_m2 is not None:
+        assert abs(found.kappa_s4_m2) < 4.0 * found.sigma
+
+
 def test_a_direction_that_all_other_runs_contradict_is_said() -> None:
     frequency_hz, amplitude_mm, direction = CASES[2]
     runs = []

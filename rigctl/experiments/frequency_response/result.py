@@ -21,6 +21,9 @@ UNITS = ("V s2/m", "deg")
 SCATTER_P = 0.01
 """Runs of a frequency that scatter more than their noise at this level are weighed by their scatter."""
 
+SWEPT = 1.01
+"""Amplitudes by this factor apart are two; a drive repeats one within that."""
+
 OWN = ("noise of the magnitude", "noise of the phase")
 """Contributions of a frequency alone; all others are common to all frequencies."""
 
@@ -209,7 +212,7 @@ def _covariance(rows: Sequence[AtFrequency], output: int) -> FloatArray:
 def linearity(groups: Mapping[float, Sequence[Sensitivity]]) -> Linearity:
     """The coefficient of A^2 common to all frequencies, by weighted least squares."""
     columns, sizes, sigmas, runs = [], [], [], []
-    swept = {f: each for f, each in groups.items() if _amplitudes(each) > 1}
+    swept = {f: each for f, each in groups.items() if _several_amplitudes(each)}
     for place, each in enumerate(swept.values()):
         mean = weighted_mean(each)[0]
         for run in each:
@@ -239,8 +242,10 @@ def linearity(groups: Mapping[float, Sequence[Sensitivity]]) -> Linearity:
     return Linearity(float(found[-1]), float(math.sqrt(inverse[-1, -1])), deviations)
 
 
-def _amplitudes(runs: Sequence[Sensitivity]) -> int:
-    return len({run.number("amplitude_mm") for run in runs})
+def _several_amplitudes(runs: Sequence[Sensitivity]) -> bool:
+    """As the heads measured them: a recording need not say what was asked for."""
+    measured = [run.acceleration_m_s2 for run in runs]
+    return max(measured) > SWEPT * min(measured)
 
 
 def asymmetry(groups: Mapping[float, Sequence[Sensitivity]]) -> tuple[float, float] | None:
