@@ -21,3 +21,12 @@ class RunMisfit:
     def far(self) -> bool:
         """Whether that is more than chance makes of a whole recording."""
         return abs(self.sigma) > FAR_SIGMA
+
+
+def said_of_misfit(version: int, chi2_per_dof: float, where: str, off_sigma: float) -> str:
+    """The line that says so, with the datum that is farthest off."""
+    return (
+        f"the model, version {version}, does not describe these data, and no sigma holds: chi2/dof is "
+        f"{chi2_per_dof:.3g}, and {where} is {off_sigma:+.1f} sigma off; look with `rigctl compare`, then mend "
+        "runs.csv or extend the model"
+    )

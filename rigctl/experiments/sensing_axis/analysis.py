@@ -15,6 +15,7 @@ from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.result.budget import AxisBudget, axis_budgets
 from rigctl.experiments.sensing_axis.result.host_axes import host_axes, with_host_axes
 from rigctl.experiments.sensing_axis.result.measurement import axes_measured
+from rigctl.experiments.sensing_axis.result.misfit import misfit
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.workbench.workbench import Workbench
@@ -35,7 +36,10 @@ def result(workbench: Workbench) -> dict[str, Any]:
     store = workbench.store
     quick = [event.data["result"] for event in store.events("once") if event.data["key"] == "quick check"]
     axes = analyse(workbench)
-    found = numbers(axes, axis_budgets(axes, uncertainties_of(store.header)))
+    found = {
+        **numbers(axes, axis_budgets(axes, uncertainties_of(store.header))),
+        "warnings": misfit(axes.fit, workbench.current.version),
+    }
     return {**found, "quick_check": quick[-1]} if quick else found
 
 

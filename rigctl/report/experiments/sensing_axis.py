@@ -42,7 +42,8 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
         verdicts = {name: _verdict(axis["pass"]) for name, axis in found["axes"].items() if stated["requirement"]}
         in_frame = _in_frame(found["axes"], verdicts, budgets, frame, _told_by(found))
         shown += [_axes(found["axes"], verdicts, reference), in_frame]
-    notes = [f"axis {name}: no result: {reason}" for name, reason in found.get("missing", {}).items()]
+    notes = list(found.get("warnings", ()))
+    notes += [f"axis {name}: no result: {reason}" for name, reason in found.get("missing", {}).items()]
     notes += [f"ref: {reference['source']}"] if reference.get("source") else []
     shown.append(_nulls(found["nulls"], printed=not found["axes"]))
     shown += [_angles(found["angles"], reference.get("offset_deg", {}))] if found["angles"] else []

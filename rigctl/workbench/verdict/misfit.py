@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rigctl.analysis.run_misfit import said_of_misfit
 from rigctl.workbench.verdict.account import LEVEL
 from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.attempt import Attempt
@@ -18,8 +19,5 @@ def of_misfit(attempt: Attempt, version: int) -> list[str]:
     given, left = attempt.model.observations, attempt.whitened()
     worst = int(np.argmax(np.abs(left)))
     series = given.series[given.series_of[worst]]
-    return [
-        f"the model, version {version}, does not describe these data, and no sigma holds: chi2/dof is {ratio:.3g}, "
-        f"and run {given.run_ids[given.run_of[worst]]}, {series.channel}, {series.component} is {left[worst]:+.1f} "
-        "sigma off; look with `rigctl compare`, then mend runs.csv or extend the model"
-    ]
+    where = f"run {given.run_ids[given.run_of[worst]]}, {series.channel}, {series.component}"
+    return [said_of_misfit(version, ratio, where, float(left[worst]))]

@@ -130,6 +130,13 @@ def residuals_of(model: RecordingModel, values: FloatArray) -> FloatArray:
     return ((measured - _observe(model.predict(values))) / sigma)[np.isfinite(sigma)]
 
 
+def measured_at(model: RecordingModel) -> list[tuple[int, int]]:
+    """Run and column of each of `FitResult.residuals`: first `ACCEL_COLUMNS`, then a column for each head."""
+    return [(int(run), int(column)) for run, column in np.argwhere(np.isfinite(_measured(model)[1]))]
+
+
+ACCEL_COLUMNS = ("nu in-phase", "nu quadrature", "mean")
+
 # In phase is eq. 5; the quadrature tells the resonance's damping; the mean the level. A head reads a share of the
 # displacement: its quadrature tells nothing of the cube.
 _observe = Observer(
