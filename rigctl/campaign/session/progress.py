@@ -33,7 +33,7 @@ class Progress:
         self._step = ""
         self._before = runs_before
         # After a restart what was planned holds until the procedure says it anew.
-        self._planned = max(runs_before, int((store.status() or {}).get("runs_planned", 0)))
+        self._planned = max(runs_before, int(store.status().get("runs_planned", 0)))
         self._done = runs_before
         self._invalid = 0
         self._measured = 0.0

@@ -35,15 +35,15 @@ FITS = 8
 
 def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
     """Quick check, axes, nulls, angles and budget, as far as there are any, beside the reference values."""
-    shown = [_quick_check(found["quick_check"])] if found.get("quick_check") else []
+    # First: what follows is not to be believed then.
+    shown = [ResultTable("", notes=found["warnings"], tab="Axes")] if found.get("warnings") else []
+    shown += [_quick_check(found["quick_check"])] if found.get("quick_check") else []
     budgets, stated = found.get("budget") or {}, found["stated"]
     frame = "host's" if stated["host_frame"] else "cube's"
     if found["axes"]:
         verdicts = {name: _verdict(axis["pass"]) for name, axis in found["axes"].items() if stated["requirement"]}
-        in_frame = _in_frame(found["axes"], verdicts, budgets, frame, _told_by(found))
-        shown += [_axes(found["axes"], verdicts, reference), in_frame]
-    notes = list(found.get("warnings", ()))
-    notes += [f"axis {name}: no result: {reason}" for name, reason in found.get("missing", {}).items()]
+        shown += [_axes(found["axes"], verdicts, reference), _by_budget(found["axes"], verdicts, budgets, frame)]
+    notes = [f"axis {name}: no result: {reason}" for name, reason in found.get("missing", {}).items()]
     notes += [f"ref: {reference['source']}"] if reference.get("source") else []
     shown.append(_nulls(found["nulls"], printed=not found["axes"]))
     shown += [_angles(found["angles"], reference.get("offset_deg", {}))] if found["angles"] else []
@@ -190,16 +190,8 @@ def _axes(axes: Mapping[str, Any], verdicts: Mapping[str, str], reference: Mappi
     return ResultTable("Sensing axes in the cube's frame", columns, rows, marked, [note], "Axes")
 
 
-def _told_by(found: Mapping[str, Any]) -> str:
-    if found.get("budget"):
-        return "±σ: by the budget; U95: its expanded uncertainty, of the larger component"
-    if found.get("host"):
-        return "±σ: by the budget, which `rigctl result` shows"
-    return "±σ: scatter and rotation into the frame"
-
-
-def _in_frame(
-    axes: Mapping[str, Any], verdicts: Mapping[str, str], budgets: Mapping[str, Any], frame: str, note: str
+def _by_budget(
+    axes: Mapping[str, Any], verdicts: Mapping[str, str], budgets: Mapping[str, Any], frame: str
 ) -> ResultTable:
     """The product: axes as the host sees them, with what the rotation into its frame is uncertain by; in the cube's
     `frame` where nobody has stated how it stands in the host's."""
@@ -208,9 +200,10 @@ def _in_frame(
         expanded = f"{max(budgets[name]['expanded_95_arcsec']):.2f}" if name in budgets else ""
         rows.append([name, *_components(axis["uoaf"]), expanded, verdicts.get(name, "")])
         rows.append([" ±σ", *(f"{max(axis['uoaf_covariance'][i][i], 0.0) ** 0.5:.1e}" for i in range(3)), "", ""])
+    shown = "; U95: its expanded uncertainty, of the larger component" if budgets else ", which `rigctl result` shows"
     columns = ["axis", "#x", "#y", "#z", "#U95 / arcsec", "verdict"]
     marked = [row[-1] == "FAIL" for row in rows]
-    notes = [note]
+    notes = [f"±σ: by the budget{shown}"]
     if frame != "host's":
         notes.append("nobody has stated how the cube stands in the host's frame")
     title = f"Sensing axes in the {frame} frame" + ("" if frame == "host's" else ", by the budget")

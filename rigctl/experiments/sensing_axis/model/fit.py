@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.analysis.least_squares import FitResult, least_squares
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import ProcedureError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.geometry import motion_in_cube
@@ -130,9 +130,10 @@ def residuals_of(model: RecordingModel, values: FloatArray) -> FloatArray:
     return ((measured - _observe(model.predict(values))) / sigma)[np.isfinite(sigma)]
 
 
-def measured_at(model: RecordingModel) -> list[tuple[int, int]]:
+def measured_at(model: RecordingModel) -> tuple[IntArray, IntArray]:
     """Run and column of each of `FitResult.residuals`: first `ACCEL_COLUMNS`, then a column for each head."""
-    return [(int(run), int(column)) for run, column in np.argwhere(np.isfinite(_measured(model)[1]))]
+    run, column = np.nonzero(np.isfinite(_measured(model)[1]))
+    return run, column
 
 
 ACCEL_COLUMNS = ("nu in-phase", "nu quadrature", "mean")
