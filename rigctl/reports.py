@@ -61,11 +61,11 @@ def write_reports(
     for directory in (out, figures):
         if directory:
             _made(directory)
-    pace, written = Pace(len(wanted), "reported", tell), []
+    pace, written = Pace("reported", tell), []
     with outcomes_of(_written, wanted, workers) as outcomes:
         for each in in_order(outcomes):
             written.append(each)
-            pace.counted()
+            pace.reached(len(written), len(wanted))
     return written
 
 

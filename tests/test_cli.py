@@ -364,7 +364,9 @@ def test_a_broken_bundle_is_refused_and_leaves_no_store(done: Any, tmp_path: Pat
 
 def test_a_bundle_comes_back_as_a_finished_store_that_has_nothing_to_resume(done: Any) -> None:
     assert done.rigctl("export", done.store, "bundle").status == 0
-    assert done.rigctl("import", "bundle", "--store", "y.rig.sqlite", "--json").json["runs"] == 2
+    imported = done.rigctl("import", "bundle", "--store", "y.rig.sqlite", "--json")
+    assert imported.json["runs"] == 2
+    assert imported.err.splitlines()[-1] == "2 of 2 runs reduced, 0 s left"
     assert done.rigctl("status", "y.rig.sqlite", "--json").json["state"] == "done"
     done.rigctl("resume", "y.rig.sqlite").refused(2, "no campaign to go on with")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +21,8 @@ from rigctl.core.extra import FILES, needed
 from rigctl.exchange.store_table import StoreTable, store_table
 from rigctl.experiments.analysis import analysis_of, measurement_result_of
 from rigctl.report.quantities import counted
+from rigctl.report.time_left import Pace
 from rigctl.workbench.workbench import Workbench
-
-SAY_EVERY_S = 2.0
 
 app = typer.Typer()
 
@@ -72,17 +70,9 @@ def _read(store: Store, invalid: int) -> str:
 
 
 def _reduced(store: Store) -> dict[str, str]:
-    """Reduce the valid runs once and for all, saying how fast; of which that could not be done, and why."""
-    began_s = said_s = time.monotonic()
-
-    def progress(done: int, runs: int) -> None:
-        nonlocal said_s
-        now_s = time.monotonic()
-        if done == runs or now_s - said_s >= SAY_EVERY_S:
-            said_s = now_s
-            tell(f"{done} of {runs} runs reduced, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
-
-    left_out = analysis_of(store.header.experiment, store.path).reduced(store, progress)
+    """Reduce the valid runs once and for all, saying how long it takes; of which that could not be done, and why."""
+    pace = Pace("runs reduced", tell)
+    left_out = analysis_of(store.header.experiment, store.path).reduced(store, pace.reached)
     return {run_id: why.removeprefix(f"run {run_id}: ") for run_id, why in left_out.items()}
 
 

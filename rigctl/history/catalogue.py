@@ -87,15 +87,16 @@ def _with_results(
             f"{counted(len(missing), 'result')} of {len(listed)} to be worked out, each as long as `rigctl result` "
             "takes; they are kept in their stores"
         )
-    pace = Pace(len(missing), "worked out", tell)
+    pace = Pace("worked out", tell)
     with outcomes_of(partial(_fitted, plugins=tuple(plugins)), missing, workers) as outcomes:
-        fitted = in_order(outcomes)
+        fitted = enumerate(in_order(outcomes), 1)
         for each in listed:
             if each.result is not None:
                 yield each
                 continue
-            yield next(fitted)
-            pace.counted()
+            done, worked_out = next(fitted)
+            yield worked_out
+            pace.reached(done, len(missing))
 
 
 def _fitted(calibration: Calibration, plugins: Sequence[Path]) -> Calibration | NotListed:

@@ -14,19 +14,18 @@ SAY_EVERY_S = 2.0
 
 
 class Pace:
-    """Tells how far work on so many items is, every other second and at its end: "3 of 12 written, 40 s left"."""
+    """Tells how far work on many items is, every other second and at its end: "3 of 12 written, 40 s left"."""
 
-    def __init__(self, items: int, done: str, tell: Callable[[str], None]) -> None:
-        self._items, self._word, self._tell = items, done, tell
+    def __init__(self, word: str, tell: Callable[[str], None]) -> None:
+        self._word, self._tell = word, tell
         self._began_s = self._said_s = time.monotonic()
-        self._done = 0
 
-    def counted(self) -> None:
-        """Another item is done."""
-        self._done, now_s = self._done + 1, time.monotonic()
-        if now_s - self._said_s >= SAY_EVERY_S or self._done == self._items:
-            self._said_s, left_s = now_s, (now_s - self._began_s) / self._done * (self._items - self._done)
-            self._tell(f"{self._done} of {self._items} {self._word}, {duration(left_s)} left")
+    def reached(self, done: int, items: int) -> None:
+        """So many of all items are done, one at least."""
+        now_s = time.monotonic()
+        if now_s - self._said_s >= SAY_EVERY_S or done == items:
+            self._said_s, left_s = now_s, (now_s - self._began_s) / done * (items - done)
+            self._tell(f"{done} of {items} {self._word}, {duration(left_s)} left")
 
 
 def time_left(status: Mapping[str, Any], now: datetime | None = None) -> str:
