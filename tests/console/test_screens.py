@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from rigctl.console.widgets.plot import Plot
+
 PICTURES = Path(__file__).parent / "pictures"
 SIZES = ((80, 24), (120, 40), *([(200, 60)] if os.environ.get("RIGCTL_LARGE") else []))
 DOTS_ON_AN_EDGE = 4
@@ -238,6 +240,28 @@ def test_a_rig_that_is_given_free_leaves_its_screen_to_the_store(desk: Any, at_c
         await seat.sees("recorded")
 
     at_console(sitting, desk.directory / "rig.toml", size=(200, 60))
+
+
+def test_charts_behind_a_dialog_are_drawn_seldom_and_at_once_when_it_is_left(
+    desk: Any, at_console: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rigctl.console.screens.rig.BEHIND_S", 3600.0)
+
+    async def sitting(seat: Any) -> None:
+        def drawn() -> int:
+            return len(seat.app.query_one("#chart-accelerometer", Plot).picture.lines[0].x)
+
+        await seat.sees("● ready")
+        await seat.until(lambda: drawn() > 1)
+        await seat.press("m")
+        await seat.sees("limits -170 .. 170 deg")
+        before, strip = drawn(), seat.app._holding.bench.strips()["voltage"]
+        await seat.until(lambda: len(seat.app._holding.bench.strips()["voltage"].values) > len(strip.values) + 5)
+        assert drawn() == before
+        await seat.press("escape")
+        await seat.until(lambda: drawn() > before)
+
+    at_console(sitting, desk.directory / "rig.toml")
 
 
 def test_a_jog_starts_where_the_stage_is_and_not_where_the_screen_last_saw_it(

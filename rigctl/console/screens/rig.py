@@ -29,6 +29,9 @@ STALE_S = 3.0
 NUMBERS_S = 0.5
 """Numbers that change faster cannot be read, and a table is dear to draw; a change of state is shown at once."""
 
+BEHIND_S = 1.0
+"""Behind a dialog each change has the whole terminal drawn and dimmed anew, half a core at ten a second."""
+
 
 class RigPane(Vertical):
     """Instruments on top, charts below."""
@@ -48,7 +51,7 @@ class RigPane(Vertical):
         self.opening = ""
         self._views: dict[str, InstrumentView] = {}
         self._rows: dict[str, tuple[str, ...]] = {}
-        self._numbers_s = 0.0
+        self._numbers_s = self._charted_s = 0.0
         self._detail = Text()
 
     def compose(self) -> ComposeResult:
@@ -67,7 +70,10 @@ class RigPane(Vertical):
     def show_bench(self, views: Sequence[InstrumentView], strips: Mapping[str, Strip]) -> None:
         """The rig this console holds."""
         self._show_instruments(views)
-        self.query_one(Charts).show_bench(strips)
+        now_s = time.monotonic()
+        if self.screen.is_active or now_s - self._charted_s >= BEHIND_S:
+            self._charted_s = now_s
+            self.query_one(Charts).show_bench(strips)
 
     def show_store(self, view: StoreView) -> None:
         """The rig as the campaign that holds it tells."""
