@@ -59,11 +59,14 @@ class BufferedTransport(ABC):
         return self._take(count)
 
     def unread(self) -> bytes:
-        """Take what has arrived and nobody has read; `LinkLost` when there is nothing but an end."""
+        """Take what has arrived and nobody has read; `LinkLost` when there is nothing but an end.
+
+        `LinkError` when it does not end.
+        """
         try:
             # Until nothing more is there: one look gives only what the system hands over at once.
             while came := self._receive(0.0):
-                self._received += came
+                self._keep(came, "silence")
         except LinkLost:
             # What came before the end is still told; the loss shows at the next look.
             if not self._received:
@@ -78,9 +81,13 @@ class BufferedTransport(ABC):
         came = self._receive(max(deadline - time.monotonic(), 0.0))
         if not came:
             raise timed_out(self.address, wanted, timeout_s, bytes(self._received))
+        self._keep(came, wanted)
+
+    def _keep(self, came: bytes, wanted: str) -> None:
         self._received += came
-        # Something that sends without end would fill the memory before any time-out.
+        # Something that sends without end would fill the memory before any time-out, and never be silent.
         if len(self._received) > REPLY_BYTES_MAX:
+            self._received.clear()
             raise LinkError(
                 f"{self.address}: {REPLY_BYTES_MAX} bytes came and no {wanted}; is it another instrument?"
             )

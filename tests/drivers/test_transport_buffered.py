@@ -1,14 +1,15 @@
 """Reading from a buffer that fills in pieces, whatever the pieces."""
 
 import itertools
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.buffered import BufferedTransport
+from drivers.buffered import REPLY_BYTES_MAX, BufferedTransport
 from rigctl.core.clock import RealClock
-from rigctl.core.errors import LinkTimeout
+from rigctl.core.errors import LinkError, LinkTimeout
 
 
 class Pieces(BufferedTransport):
@@ -81,3 +82,28 @@ def test_a_time_out_shows_and_keeps_what_came() -> None:
         wire.read_until(b"\n", 0.0)
     wire.pieces = [b"ly\n"]
     assert wire.read_until(b"\n", 0.0) == b"half a reply\n"
+
+
+class Torrent(Pieces):
+    """Sends without end, for a test up to twice what is borne."""
+
+    def __init__(self) -> None:
+        super().__init__([bytes(1 << 20)] * (2 * REPLY_BYTES_MAX >> 20))
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        lambda wire: wire.unread(),
+        lambda wire: wire.read_until(b"\n", 0.0),
+        lambda wire: wire.read_exactly(1 << 25, 0.0),
+    ],
+)
+def test_what_sends_without_end_is_given_up(look: Callable[[BufferedTransport], bytes]) -> None:
+    wire = Torrent()
+    with pytest.raises(LinkError, match=r"^test:: 16777216 bytes came and no .*; is it another instrument\?$"):
+        look(wire)
+    assert wire.looks == (REPLY_BYTES_MAX >> 20) + 1
+    # None of it is anybody's reply, and none is kept.
+    wire.pieces = [b"reply\n"]
+    assert wire.read_until(b"\n", 0.0) == b"reply\n"
