@@ -18,6 +18,7 @@ import numpy as np
 
 from procedures.pace import Pace
 from rigctl.bluesky.action_status import ActionStatus
+from rigctl.campaign.session.recovery import require_homed
 from rigctl.core import interfaces
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import InstrumentError, LimitError, MotionStopped, RigError
@@ -115,6 +116,10 @@ class Instrument:
         """The keys of `read_configuration`."""
         return {key: self._data_key("string", "") for key in self.read_configuration()}
 
+    def _confirm(self) -> None:
+        """`RigError` where what was just read is not to be believed; a run of a campaign is held to the same."""
+        self._bench.rig.instruments[self.name].confirm_in_step()
+
     @cached_property
     def _identified(self) -> tuple[interfaces.Identity, float]:
         return self._bench.rig.instruments[self.name].identify(), time.time()
@@ -198,15 +203,29 @@ class StageDevice(Instrument):
 
     def locate(self) -> Location[float]:
         """Where it was told to go and where it is; before it was told, where it is."""
-        readback = self._where().value
+        readback = self._here().value
         return {"setpoint": readback if self._setpoint is None else self._setpoint, "readback": readback}
 
     def read(self) -> dict[str, Reading[float]]:
-        """The encoder, and the set-point as `locate` has it."""
-        here = self._where()
+        """The encoder, and the set-point as `locate` has it.
+
+        `InstrumentError` for a stage without a reference, `SafetyStop` where a safety device took it.
+        """
+        here = self._here()
         setpoint = here.value if self._setpoint is None else self._setpoint
         values = {self._readback_key: here.value, self._setpoint_key: setpoint}
         return {key: self._bench.reading(value, here.time_s) for key, value in values.items()}
+
+    def _here(self) -> interfaces.Reading:
+        here = self._where()
+        self._confirm()
+        return here
+
+    def _confirm(self) -> None:
+        # What moves ends in an error of its own, and a controller may not call it ready meanwhile.
+        if (self._status is None or self._status.done) and not self._stage.is_moving():
+            require_homed(self._stage)
+        super()._confirm()
 
     def describe(self) -> dict[str, DataKey]:
         """The keys of `read`, with the limits of the rig file."""
@@ -228,6 +247,7 @@ class MeterDevice(Instrument):
     def read(self) -> dict[str, Reading[float]]:
         """Readings of now, NaN where the instrument has no valid value."""
         readings = zip(self._quantities, self._take(), strict=True)
+        self._confirm()
         return {key: self._bench.reading(each.value, each.time_s) for key, each in readings}
 
 
@@ -264,6 +284,7 @@ class RecordDevice(Instrument):
     def _record(self) -> None:
         try:
             start_s, rows = self._recorded()
+            self._confirm()
         except RigError:
             # Ended by `unstage`, after an error of the plan: that is to be heard, not this.
             if self._ended.is_set():

@@ -17,14 +17,23 @@ import event_model
 import numpy as np
 import pytest
 from bluesky import RunEngine, protocols
-from bluesky.plans import rel_scan, scan
+from bluesky.plans import count, rel_scan, scan
 from bluesky.preprocessors import stage_decorator
 from bluesky.simulators import check_limits
 from bluesky.utils import FailedStatus, RunEngineInterrupted
 
 import rigctl.bluesky
 from rigctl.bluesky import devices_of
-from rigctl.core.errors import ConfigError, InstrumentError, LimitError, LinkError, LinkLost, MotionStopped, RigError
+from rigctl.core.errors import (
+    ConfigError,
+    InstrumentError,
+    LimitError,
+    LinkError,
+    LinkLost,
+    MotionStopped,
+    OutOfStep,
+    RigError,
+)
 from rigctl.files.rig_file import parse_rig
 from rigctl.rig import Rig
 
@@ -305,3 +314,57 @@ def test_without_the_package_it_is_one_line(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "bluesky", None)
     with pytest.raises(ConfigError, match=r"^bluesky is not installed; pip install 'rigctl\[bluesky\]' brings it$"):
         importlib.reload(rigctl.bluesky)
+
+
+POWER_CUT = "[instruments.{0}.faults]\npower_cycle = {{ at_s = 100.0, lasting_s = 20.0 }}\n\n[instruments.{0}]"
+"""At a time when nothing has been measured yet."""
+
+ESP301 = (
+    'driver = "newport-xps"\naddress = "sim:"                  # tcp://192.168.0.254:5001\nrole = "rotation"\n'
+    'group = "Group1"\npositioner = "Pos"',
+    'driver = "newport-esp301"\naddress = "sim:"\nrole = "rotation"',
+)
+
+
+@pytest.mark.parametrize("changes", [(), (ESP301,)], ids=["XPS", "ESP301"])
+@pytest.mark.parametrize("name", ["rotation", "stage"])
+def test_a_stage_that_has_lost_its_power_is_not_believed_again_until_it_is_homed(
+    opened: Opened, engine: RunEngine, name: str, changes: tuple[tuple[str, str], ...]
+) -> None:
+    rig = opened(*changes, (f"[instruments.{name}]", POWER_CUT.format(name)))
+    rig.only("linear").home()
+    devices = devices_of(rig)
+    engine(bps.mv(devices["rotation"], 5.0, devices["stage"], 2.0))
+    rig.clock.sleep_s(200.0 - rig.clock.now_s())
+    for _ in range(2):
+        # It says 0: the first plan finds the connection gone or made anew, the second has a new one.
+        with pytest.raises((InstrumentError, LinkError), match=f"^{name}"):
+            engine(count([devices[name]]))
+    with pytest.raises(InstrumentError, match=f"^{name}: it is homed no more, so that its positions mean nothing"):
+        devices[name].locate()
+    rig.instruments[name].home()  # type: ignore[attr-defined] # both are stages
+    engine(bps.mv(devices[name], 2.0))
+    assert devices[name].locate()["readback"] == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["rotation", "lasers_a", "accelerometer", "thermometer"])
+def test_a_reading_is_believed_when_the_instrument_is_in_step_after_it(
+    opened: Opened, engine: RunEngine, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    rig = opened()
+
+    def out_of_step() -> None:
+        raise OutOfStep(f"{name}: measure again")
+
+    monkeypatch.setattr(rig.instruments[name], "confirm_in_step", out_of_step)
+    with pytest.raises((OutOfStep, FailedStatus), match=f"^{name}: measure again$"):
+        engine(count([devices_of(rig)[name]]))
+
+
+def test_a_stage_on_its_way_can_be_read(turning: tuple[Rig, dict[str, Any]]) -> None:
+    rig, devices = turning
+    status = devices["rotation"].set(160.0)
+    until_moving(rig)
+    assert 0.0 <= devices["rotation"].read()["rotation_deg"]["value"] < 160.0
+    devices["rotation"].stop()
+    assert status.exception(10.0) is None
