@@ -66,8 +66,6 @@ class XpsSettings(RotationSettings):
     group: str = Field(default="Group1", pattern=r"^[\w-]+$")
     positioner: str = Field(default="Pos", pattern=r"^[\w-]+$")
     """Without the group: `Pos` for `Group1.Pos`."""
-    speed_deg_s: float = Field(default=20.0, gt=0, allow_inf_nan=False)
-    acceleration_deg_s2: float = Field(default=80.0, gt=0, allow_inf_nan=False)
 
 
 class NewportXps:

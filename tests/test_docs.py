@@ -190,6 +190,18 @@ def test_every_key_of_a_file_is_documented_with_its_default(marker: str) -> None
         assert _default_said(documented[name]) == _plain(field.default), f"{marker}: {name}"
 
 
+SHARED = {model for model, elsewhere in TABLES.values() if not elsewhere}
+"""Whose keys a page lists once, for all that are made from them."""
+
+
+@pytest.mark.parametrize("marker", [marker for marker, (model, _) in TABLES.items() if SHARED & {*model.__mro__[1:]}])
+def test_keys_that_several_have_alike_have_one_default(marker: str) -> None:
+    model, elsewhere = TABLES[marker]
+    for shared in SHARED & {*model.__mro__[1:]}:
+        for name in elsewhere & {*shared.model_fields}:
+            assert model.model_fields[name].default == shared.model_fields[name].default, f"{marker}: {name}"
+
+
 def test_every_table_of_files_md_is_held_to_a_model() -> None:
     markers = set(re.findall(r"<!-- table: (.+?) -->", _doc("files.md")))
     assert markers == {*TABLES, "keyence-lkg5000 simulator"}

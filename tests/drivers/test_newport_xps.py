@@ -22,7 +22,7 @@ HOMED = {
     "FirmwareVersionGet(char *)": b"0,XPS-Q8 Firmware Precision Platform V1.4.2,EndOfAPI",
     "PositionerUserTravelLimitsGet(Group1.Pos,double *,double *)": b"0,-170,170,EndOfAPI",
     "PositionerSGammaParametersGet(Group1.Pos,double *,double *,double *,double *)": b"0,5,20,0.005,0.05,EndOfAPI",
-    "PositionerSGammaParametersSet(Group1.Pos,20,80,0.005,0.05)": b"0,,EndOfAPI",
+    "PositionerSGammaParametersSet(Group1.Pos,10,40,0.005,0.05)": b"0,,EndOfAPI",
     "GroupStatusGet(Group1,int *)": b"0,11,EndOfAPI",
     "GroupMoveAbsolute(Group1,12.5)": b"0,,EndOfAPI",
     "GroupMoveAbort(Group1)": b"-22,GroupMoveAbort(Group1),EndOfAPI",
@@ -31,7 +31,7 @@ HOMED = {
 PREPARATION = [
     "PositionerUserTravelLimitsGet(Group1.Pos,double *,double *)",
     "PositionerSGammaParametersGet(Group1.Pos,double *,double *,double *,double *)",
-    "PositionerSGammaParametersSet(Group1.Pos,20,80,0.005,0.05)",
+    "PositionerSGammaParametersSet(Group1.Pos,10,40,0.005,0.05)",
 ]
 Script = dict[str, bytes | list[bytes]]
 
