@@ -24,7 +24,7 @@ class ProgressBar:
             console=self._console,
         )
         self._task = self._bar.add_task("", total=None, state="", left="?")
-        self._last = ""
+        self._said = False, ""
 
     def __enter__(self) -> ProgressBar:
         if self._console.is_terminal:
@@ -55,12 +55,15 @@ class ProgressBar:
                 state=status["state"],
                 left=left,
             )
-        elif step.split(" / ")[0] != self._last:
-            # In a log a line per step of the procedure, not one per run.
-            self._last = step.split(" / ")[0]
-            self._console.print(
-                f"{status['state']}: {self._last}, {status['runs_done']} of {status['runs_planned']} runs, "
-                f"{left} left",
-                highlight=False,
-                soft_wrap=True,
-            )
+            return
+        waits = status["state"] == "paused"
+        # In a log a line per step of the procedure, not one per run; of a pause all there is, which says why.
+        where = step if waits else step.split(" / ")[0]
+        waited, said = self._said
+        # A pause that says less than it did is about to end.
+        if waits == waited and (where == said or (waits and said.startswith(where))):
+            return
+        self._said = waits, where
+        how_far = f"{status['runs_done']} of {status['runs_planned']} runs"
+        line = f"{how_far}; {where}" if waits else f"{where}, {how_far}, {left} left"
+        self._console.print(f"{status['state']}: {line}", highlight=False, soft_wrap=True)

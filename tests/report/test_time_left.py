@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rigctl.campaign.session.heartbeat import STALLED_S
+from rigctl.report.progress_bar import ProgressBar
 from rigctl.report.status_lines import status_lines
 from rigctl.report.time_left import time_left
 
@@ -45,3 +46,22 @@ def test_a_stalled_campaign_is_told_no_time() -> None:
 
 def test_what_is_done_has_no_time_left() -> None:
     assert status_lines(status("done"))[0] == "done: 2 of 9 runs (0 invalid)"
+
+
+def test_a_log_has_a_line_for_each_step_and_says_what_is_waited_for(capsys: pytest.CaptureFixture[str]) -> None:
+    lost = "scan Y / waiting for an instrument: stage: no connection; the campaign goes on by itself once it answers."
+    with ProgressBar() as bar:
+        for state, step in [
+            ("running", "scan Y"),
+            ("running", "scan Y / run 3"),
+            ("running", lost),
+            ("paused", lost),
+            ("paused", "scan Y"),
+            ("running", "scan Y / run 3"),
+        ]:
+            bar.show(status(state, step=step))
+    assert capsys.readouterr().err.splitlines() == [
+        "running: scan Y, 2 of 9 runs, 60 s left",
+        f"paused: 2 of 9 runs; {lost}",
+        "running: scan Y, 2 of 9 runs, 60 s left",
+    ]
