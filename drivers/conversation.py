@@ -77,7 +77,7 @@ class Conversation:
         """Connect; what is unread on a new connection belongs to nobody."""
         self.close()
         self.opened = True
-        with self.lock:
+        with self.lock, self._told():
             # What was left of the old connection says nothing about the new one.
             self._unread, self._overtaken = b"", False
             self._connected().unread()
@@ -104,7 +104,7 @@ class Conversation:
 
         Whatever `read` raises leaves the connection in doubt.
         """
-        return self._in_turn(self._ask, question, read, sending)
+        return self._in_turn(question, self._ask, question, read, sending)
 
     def _ask(
         self, question: bytes, read: Callable[[Transport], T], sending: AbstractContextManager[None] | None
@@ -122,7 +122,7 @@ class Conversation:
         self, questions: Sequence[bytes], read: Callable[[Transport], T], good: Callable[[T], bool]
     ) -> list[T]:
         """As `ask` for each in turn, up to the first reply that is not `good`, all on one connection."""
-        return self._in_turn(self._ask_each, questions, read, good)
+        return self._in_turn(b"", self._ask_each, questions, read, good)
 
     def _ask_each(
         self, questions: Sequence[bytes], read: Callable[[Transport], T], good: Callable[[T], bool]
@@ -139,17 +139,19 @@ class Conversation:
                 if not good(replies[-1]):
                     break
         except BaseException as error:
+            if isinstance(error, LinkError):
+                self._tell(error, question)
             self._failed(error)
             raise
         return replies
 
     def tell(self, command: bytes) -> None:
         """Send what has no reply, hence at once, even where the next reply is in doubt."""
-        self._in_turn(lambda: self._send(self._alive(), command))
+        self._in_turn(command, lambda: self._send(self._alive(), command))
 
     def device_clear(self) -> None:
         """GPIB's device clear, where the wire has one: what the instrument is at ends, and nothing is unread."""
-        self._in_turn(self._clear_device)
+        self._in_turn(b"", self._clear_device)
 
     def _clear_device(self) -> None:
         transport = self._alive()
@@ -162,7 +164,8 @@ class Conversation:
             if not self.ask(self._check.question, self._is_own, self._one_check()):
                 self._raise_out_of_step(f"{self._check.question!r} was not answered by its own reply")
             # The surplus of a doubled reply comes after it: hence one more look.
-            self._clear(self._check.question)
+            with self._told(self._check.question):
+                self._clear(self._check.question)
 
     @contextmanager
     def _one_check(self) -> Iterator[None]:
@@ -252,7 +255,7 @@ class Conversation:
             # The reply that was overtaken may still come, on lines that outlive their connection.
             self._doubtful = True
 
-    def _in_turn(self, exchange: Callable[P, T], *values: P.args, **named: P.kwargs) -> T:
+    def _in_turn(self, asked: bytes, exchange: Callable[P, T], *values: P.args, **named: P.kwargs) -> T:
         """One exchange at a time. No generator, as every exchange comes through here.
 
         A signal handler may come in the middle of its own thread's exchange: it gets a new connection.
@@ -269,10 +272,25 @@ class Conversation:
             try:
                 return exchange(*values, **named)
             except LinkError as error:
-                error.instrument = self._name
+                self._tell(error, asked)
                 raise
             finally:
                 self._busy = False
+
+    @contextmanager
+    def _told(self, asked: bytes = b"") -> Iterator[None]:
+        try:
+            yield
+        except LinkError as error:
+            self._tell(error, asked)
+            raise
+
+    def _tell(self, error: LinkError, asked: bytes) -> None:
+        """Have `error` say whose wire it is and what was asked: a transport knows its address only."""
+        error.instrument = self._name
+        if not str(error).startswith(f"{self._name}:"):
+            question = [asked.decode("ascii", "backslashreplace").strip()] if asked else []
+            error.args = (": ".join([self._name, *question, str(error)]),)
 
     def _clear(self, question: bytes) -> Transport:
         """The connection, in step and with nothing unread."""

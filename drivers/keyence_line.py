@@ -14,7 +14,7 @@ from drivers.conversation import Check, Conversation
 from drivers.keyence_settings import KeyenceSettings
 from drivers.transport import Connect, Transport
 from rigctl.core.clock import Clock
-from rigctl.core.errors import BadReply, InstrumentError, LinkLost, LinkTimeout
+from rigctl.core.errors import BadReply, InstrumentError, LinkTimeout
 
 PROGRAM, PROGRAM_REPLY = b"PR", re.compile(rb"PR,[0-7]|ER,PR,\d\d")
 """Which of the eight programs is in use: nothing else is answered like that."""
@@ -109,12 +109,7 @@ class KeyenceLine:
         )
 
     def _exchange(self, command: str, timeout_s: float) -> bytes:
-        try:
-            return self._conversation.ask(
-                command.encode() + b"\r", lambda transport: self._reply(transport, timeout_s)
-            )
-        except (LinkTimeout, LinkLost) as error:
-            raise type(error)(f"{self.name}: {command}: {error}") from error
+        return self._conversation.ask(command.encode() + b"\r", lambda transport: self._reply(transport, timeout_s))
 
     def _reply(self, transport: Transport, timeout_s: float) -> bytes:
         left_s = timeout_s

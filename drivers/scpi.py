@@ -160,7 +160,8 @@ class ScpiLink:
         with suppress(LinkError, BadReply):
             # Over a connection made anew, as after any time-out; the queue of errors outlives it.
             explanation = '; the instrument says {},"{}"'.format(*self._error(self.query(ERROR_QUESTION)))
-        return LinkTimeout(f"{self.name}: no reply to {query}{explanation} ({silence})")
+        waited = str(silence).removeprefix(f"{self.name}: {query}: ")
+        return LinkTimeout(f"{self.name}: no reply to {query}{explanation} ({waited})")
 
     def _read_line(self, transport: Transport) -> bytes:
         return transport.read_until(b"\n", self.timeout_s)

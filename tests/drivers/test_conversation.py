@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ import pytest
 
 from drivers.conversation import Check, Conversation
 from drivers.transport import Transport, lost, timed_out
-from rigctl.core.errors import LinkLost, LinkTimeout, OutOfStep
+from rigctl.core.errors import LinkError, LinkLost, LinkTimeout, OutOfStep
 
 PATIENCE_S = 10.0
 
@@ -240,10 +241,35 @@ def test_another_reply_to_the_check_question_is_out_of_step() -> None:
     assert second.written == [b"who?"]
 
 
-def test_what_a_wire_raises_says_whose_wire_it_is() -> None:
-    talk = conversation(Wire([b""]))
+ASKED = [
+    pytest.param(lambda talk: talk.ask(b"how?\r\n", line), "it: how?: wire: ", id="ask"),
+    pytest.param(lambda talk: talk.ask_each([b"one?", b"two?"], line, bool), "it: two?: wire: ", id="ask each"),
+    pytest.param(lambda talk: talk.confirm_in_step(), "it: who?: wire: ", id="confirm"),
+]
+
+
+@pytest.mark.parametrize(("asked", "begins"), ASKED)
+@pytest.mark.parametrize(("error", "ends"), [(LinkTimeout, "nothing came; "), (LinkLost, "no connection, ")])
+def test_what_a_wire_raises_says_whose_wire_it_is_and_what_was_asked(
+    asked: Callable[[Conversation], object], begins: str, error: type[LinkError], ends: str
+) -> None:
+    wire = Wire([b"1"] if "two" in begins else [])
+    talk = conversation(wire, wire)
     talk.open()
-    with pytest.raises(LinkTimeout) as raised:
-        talk.ask(b"how?", line)
+    if error is LinkLost:
+        wire.replies.append(b"...")
+        wire.closed.wait = lambda timeout=None: True  # type: ignore[method-assign] # the wire ends at once
+    with pytest.raises(error, match=f"^{re.escape(begins)}.*{re.escape(ends)}") as raised:
+        asked(talk)
     assert raised.value.instrument == "it"
-    assert "it" not in str(raised.value).split(), "the message alone names an address only"
+    assert str(raised.value).count("it:") == 1
+
+
+def test_an_instrument_that_cannot_be_reached_is_named() -> None:
+    def connect() -> Transport:
+        raise lost("wire", "connection refused")
+
+    talk = Conversation("it", connect, Check(b"who?", lambda _: True), anew=True)
+    with pytest.raises(LinkLost, match=r"^it: wire: no connection, connection refused; check power") as raised:
+        talk.open()
+    assert raised.value.instrument == "it"
