@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -202,6 +203,25 @@ def test_a_direction_that_all_other_runs_contradict_is_said() -> None:
         runs.append(fitted_run(str(number), given, made, {}, {}))
     (remark,) = response_result(recorded(sensitivities(runs), Bench())).remarks
     assert remark.startswith("the output of run 2 goes against that of most others at 7 Hz: its direction says -1")
+
+
+def test_a_run_without_a_signal_is_said_and_does_not_count_for_all_others() -> None:
+    """Its sensitivity is next to nothing, and so is what the heads' noise makes of it: that is no weight."""
+    frequency_hz, _, _ = CASES[2]
+    rng, runs = np.random.default_rng(9), []
+    for number, amplitude_mm in enumerate([0.02, 0.02, 0.1, 0.1, 0.4, 0.4]):
+        made = samples(frequency_hz, amplitude_mm, 1, rng)
+        if number == 5:
+            made["accel_v"] = 1e-5 * rng.standard_normal(len(made["t_s"]))
+        given = {"direction": 1, "frequency_hz": frequency_hz, "mounting": 1}
+        runs.append(fitted_run(str(number), given, made, {}, {}))
+    result = response_result(recorded(sensitivities(runs), Bench()))
+    (row,) = result.frequencies
+    shown = row.as_json()["magnitude"]
+    assert row.scattered
+    assert abs(shown["value"] - abs(S)) < shown["U"]
+    (remark,) = result.remarks
+    assert re.match(r"the output of run 5 is \S+e-0\d times that of most others at 7 Hz: ", remark)
 
 
 def test_the_budget_agrees_with_monte_carlo() -> None:

@@ -67,7 +67,7 @@ def imagined(proposals: Sequence[Proposal], runs: Sequence[Sensitivity]) -> list
             "temperature_c": temperature_c,
         }
         # Output and displacement have noise of their own size: what it does to S goes with the amplitude.
-        sigma = like.sigma * like.acceleration_m_s2 / acceleration
+        weaker = like.acceleration_m_s2 / acceleration
         found.append(
             Sensitivity(
                 f"next {place}",
@@ -75,10 +75,11 @@ def imagined(proposals: Sequence[Proposal], runs: Sequence[Sensitivity]) -> list
                 frequency_hz,
                 like.duration_s,
                 like.value,
-                sigma,
+                like.sigma * weaker,
                 like.dof,
                 acceleration,
                 like.own_clock,
+                like.displacement_u * weaker,
             )
         )
     return found

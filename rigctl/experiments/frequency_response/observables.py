@@ -73,8 +73,9 @@ class HeadReading:
 class Sensitivity:
     """One run: S with the sigma of each of its parts [V s2/m], and what it was taken at.
 
-    `acceleration_m_s2` is the amplitude; `own_clock` tells that the lasers' phase was taken from the encoder; `heads`
-    are those that the displacement is the mean of.
+    `displacement_u` is the displacement's part of sigma, relative to S. `acceleration_m_s2` is the amplitude;
+    `own_clock` tells that the lasers' phase was taken from the encoder; `heads` are those that the displacement is
+    the mean of.
     """
 
     run_id: str
@@ -86,7 +87,12 @@ class Sensitivity:
     dof: float
     acceleration_m_s2: float
     own_clock: bool
+    displacement_u: float = 0.0
     heads: Mapping[str, HeadReading] = field(default_factory=dict)
+
+    def sigma_at(self, magnitude: float) -> float:
+        """Sigma if |S| were this: the output's noise stays as it is, the displacement's goes with |S|."""
+        return math.sqrt(self.sigma**2 + self.displacement_u**2 * (magnitude**2 - abs(self.value) ** 2))
 
     @property
     def nominal_hz(self) -> float:
@@ -233,9 +239,8 @@ def _sensitivity(run: FittedRun, spectra: Mapping[str, Spectrum]) -> Sensitivity
     w = 2.0 * math.pi * run.frequency_hz
     acceleration = -(w**2) * displacement
     value = int(run.conditions["direction"]) * run.output_v.value / acceleration
-    sigma = abs(value) * math.hypot(
-        math.sqrt(output_variance) / abs(run.output_v.value), math.sqrt(variance) / abs(displacement)
-    )
+    displacement_u = math.sqrt(variance) / abs(displacement)
+    sigma = math.hypot(math.sqrt(output_variance) / abs(acceleration), abs(value) * displacement_u)
     return Sensitivity(
         run.run_id,
         run.conditions,
@@ -246,6 +251,7 @@ def _sensitivity(run: FittedRun, spectra: Mapping[str, Spectrum]) -> Sensitivity
         dof,
         abs(acceleration),
         any(line.clock is not None for _, line in heads),
+        displacement_u,
         {
             name: HeadReading(
                 abs(line.value) / abs(displacement) - 1.0,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.budget import Budget, Contribution, Measurement, budget
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.experiments.frequency_response.model import Bench, Recorded
 from rigctl.experiments.frequency_response.observables import Sensitivity
 from rigctl.experiments.frequency_response.reference import Reference, reference_of
@@ -20,6 +20,9 @@ OUTPUTS = ("magnitude", "phase_deg")
 UNITS = ("V s2/m", "deg")
 SCATTER_P = 0.01
 """Runs of a frequency that scatter more than their noise at this level are weighed by their scatter."""
+
+UNLIKE = 1.5
+"""Outputs at one frequency that differ by this factor are not both of the sensor that is calibrated."""
 
 SWEPT = 1.01
 """Amplitudes by this factor apart are two; a drive repeats one within that."""
@@ -115,7 +118,7 @@ def response_result(data: Recorded) -> ResponseResult:
     reference = reference_of(data.runs, data.bench.heads_u)
     rows = tuple(_at_frequency(frequency_hz, runs, data.bench, reference) for frequency_hz, runs in groups.items())
     covariance = {name: _covariance(rows, row) for row, name in enumerate(OUTPUTS)}
-    remarks = (*reference.remarks, *_other_frequencies(data.runs), *_other_directions(groups))
+    remarks = (*reference.remarks, *_other_frequencies(data.runs), *_unlike_others(groups))
     return ResponseResult(rows, covariance, linearity(groups), asymmetry(groups), remarks)
 
 
@@ -128,19 +131,34 @@ def _other_frequencies(runs: Sequence[Sensitivity]) -> list[str]:
     ]
 
 
-def _other_directions(groups: Mapping[float, Sequence[Sensitivity]]) -> list[str]:
-    """Runs whose output goes against that of most others of their frequency."""
+def _unlike_others(groups: Mapping[float, Sequence[Sensitivity]]) -> list[str]:
+    """Runs whose output has another size or sign than that of most others of their frequency."""
     found = []
     for frequency_hz, runs in groups.items():
-        value = np.array([run.value for run in runs])
-        against = np.sum((value[:, None] * value.conj()).real < 0.0, axis=1)
-        found += [
-            f"the output of run {run.run_id} goes against that of most others at {frequency_hz:g} Hz: its direction "
-            f"says {run.direction:+d}; correct it, or mark the run invalid"
-            for run, others in zip(runs, against.tolist(), strict=True)
-            if 2 * others > len(runs)
-        ]
+        value = _values(runs)
+        magnitude = np.abs(value)
+        otherwise = np.abs(np.log(magnitude[:, None] / magnitude)) > math.log(UNLIKE)
+        against = (value[:, None] * value.conj()).real < 0.0
+        for run, of_others, other_size, other_sign in zip(
+            runs, magnitude / np.median(magnitude), _by_most(otherwise), _by_most(against), strict=True
+        ):
+            if other_size:
+                found.append(
+                    f"the output of run {run.run_id} is {of_others:.2g} times that of most others at "
+                    f"{frequency_hz:g} Hz: was the sensor connected, and the range as stated? "
+                    "if not, mark the run invalid"
+                )
+            elif other_sign:
+                found.append(
+                    f"the output of run {run.run_id} goes against that of most others at {frequency_hz:g} Hz: its "
+                    f"direction says {run.direction:+d}; correct it, or mark the run invalid"
+                )
     return found
+
+
+def _by_most(differs: BoolArray) -> list[bool]:
+    """By runs: whether most of them differ from this one."""
+    return [bool(each) for each in 2 * differs.sum(axis=1) > len(differs)]
 
 
 def _by_frequency(runs: Sequence[Sensitivity]) -> dict[float, list[Sensitivity]]:
@@ -152,10 +170,38 @@ def _by_frequency(runs: Sequence[Sensitivity]) -> dict[float, list[Sensitivity]]
 
 def weighted_mean(runs: Sequence[Sensitivity]) -> tuple[complex, float, float]:
     """The mean by the runs' noise, the standard uncertainty of each of its parts, and chi-squared about it."""
-    weight = np.array([run.sigma**-2.0 for run in runs])
-    value = np.array([run.value for run in runs])
+    return _mean_by(_values(runs), _variances(runs))
+
+
+def _mean_by(value: ComplexArray, variance: FloatArray) -> tuple[complex, float, float]:
+    weight = 1.0 / variance
     mean = complex(weight @ value / weight.sum())
     return mean, float(weight.sum() ** -0.5), float(weight @ np.abs(value - mean) ** 2)
+
+
+def _values(runs: Sequence[Sensitivity]) -> ComplexArray:
+    return np.array([run.value for run in runs])
+
+
+def _variances(runs: Sequence[Sensitivity]) -> FloatArray:
+    """Of each part, at the one sensitivity they all measure: by its own a small value would count for more."""
+    magnitude = float(np.median(np.abs(_values(runs))))
+    return np.array([run.sigma_at(magnitude) ** 2 for run in runs])
+
+
+def _mean_by_scatter(runs: Sequence[Sensitivity]) -> tuple[complex, float]:
+    """The mean and the standard uncertainty of each of its parts, where runs scatter by more than their noise.
+
+    All have the same variance beside that of their noise, such that chi-squared is its degrees of freedom (Mandel and
+    Paule 1982): a run of large amplitude does not count for all others when it is the one that is off.
+    """
+    from scipy.optimize import brentq
+
+    value, variance, dof = _values(runs), _variances(runs), 2 * (len(runs) - 1)
+    largest = float(np.sum(np.abs(value - value.mean()) ** 2))
+    between = brentq(lambda added: _mean_by(value, variance + added)[2] - dof, 0.0, largest)
+    mean, sigma, _ = _mean_by(value, variance + between)
+    return mean, sigma
 
 
 def _at_frequency(
@@ -169,7 +215,7 @@ def _at_frequency(
     scattered = bool(dof and chdtrc(dof, chi2) < SCATTER_P)
     behind = float(dof) if scattered else sum(run.dof for run in runs)
     if scattered:
-        sigma *= math.sqrt(chi2 / dof)
+        mean, sigma = _mean_by_scatter(runs)
     measured, contributions = measurement(frequency_hz, mean, sigma, behind, bench, reference)
     return AtFrequency(frequency_hz, len(runs), mean, budget(measured, contributions, OUTPUTS), scattered)
 
@@ -219,7 +265,7 @@ def linearity(groups: Mapping[float, Sequence[Sensitivity]]) -> Linearity:
             columns.append([*(float(place == other) for other in range(len(swept))), run.acceleration_m_s2**2])
             # Along the mean: a phase that scatters does not lengthen it.
             sizes.append((run.value * mean.conjugate()).real / abs(mean) ** 2)
-            sigmas.append(run.sigma / abs(mean))
+            sigmas.append(run.sigma_at(abs(mean)) / abs(mean))
             runs.append(run)
     if not runs:
         return Linearity(None, math.nan, ())
