@@ -2,7 +2,7 @@
 
 What is known of the quantity is the state-of-knowledge distribution of its measurement: Student's t with the budget's
 effective degrees of freedom, scaled by the combined standard uncertainty (JCGM 101, 6.4.9), or, for the spread of so
-many values, that of value * sqrt(dof / chi-square). Nothing is assumed of the quantity beforehand.
+many values, that of unbiased * value * sqrt(dof / chi-square). Nothing is assumed of the quantity beforehand.
 """
 
 from __future__ import annotations
@@ -19,20 +19,22 @@ Verdict = Literal["pass", "fail", "undecided"]
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What a measurement says of a quantity."""
+    """What a measurement says of a quantity; `unbiased` as that of `Quantity`."""
 
     value: float
     standard_uncertainty: float
     dof: float
     kind: Kind = "mean"
+    unbiased: float = 1.0
 
     def below(self, limit: float) -> float:
         """Probability that the quantity is no larger than `limit`."""
         from scipy.special import chdtrc, ndtr, stdtr
 
         if self.kind == "spread":
-            # The quantity is value * sqrt(dof / chi2): no larger than the limit where chi2 is at least this.
-            return float(chdtrc(self.dof, self.dof * (self.value / limit) ** 2)) if limit > 0.0 else 0.0
+            # The quantity is this times sqrt(dof / chi2): no larger than the limit where chi2 is at least so much.
+            estimate = self.unbiased * self.value
+            return float(chdtrc(self.dof, self.dof * (estimate / limit) ** 2)) if limit > 0.0 else 0.0
         if self.standard_uncertainty == 0.0:
             return float(self.value <= limit)
         t = (limit - self.value) / self.standard_uncertainty
@@ -98,9 +100,11 @@ def _guarded(known: Knowledge, limits: Limits, risk: float) -> Limits:
     from scipy.special import chdtri, ndtri, stdtrit
 
     if known.kind == "spread":
-        # chdtrc(dof, dof (v / limit)^2) = 1 - risk, solved for v.
-        upper = None if limits.upper is None else limits.upper * math.sqrt(chdtri(known.dof, 1.0 - risk) / known.dof)
-        lower = None if limits.lower is None else limits.lower * math.sqrt(chdtri(known.dof, risk) / known.dof)
+        # chdtrc(dof, dof (unbiased v / limit)^2) = 1 - risk, solved for v.
+        lower, upper = (
+            None if limit is None else limit * math.sqrt(chdtri(known.dof, p) / known.dof) / known.unbiased
+            for limit, p in ((limits.lower, risk), (limits.upper, 1.0 - risk))
+        )
         return Limits(lower, upper, limits.source)
     t = float(ndtri(1.0 - risk) if math.isinf(known.dof) else stdtrit(known.dof, 1.0 - risk))
     band = t * known.standard_uncertainty

@@ -34,7 +34,8 @@ class Quantity:
     """One quantity of a result: a name, `value` in `unit` ("" and "1" for none), and `limits` where there are some.
 
     Quantities of one `group` belong together, such as the components of a direction. A magnitude and the phase that
-    follows it name the `complex` quantity that they are.
+    follows it name the `complex` quantity that they are. A spread whose squares were divided by more than its degrees
+    of freedom is too small by the factor `unbiased`: the square of `unbiased` times `value` is that of no bias.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Quantity:
     group: str = ""
     limits: Limits | None = None
     complex: str = ""
+    unbiased: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ class MeasurementResult:
         found = self.values[:, None] + half[:, None] * np.array([-1.0, 1.0])
         for place, each in enumerate(self.quantities):
             if each.kind == "spread":
-                found[place] = spread_interval(each.value, self.effective_dof[place])
+                found[place] = spread_interval(each.unbiased * each.value, self.effective_dof[place])
         return np.asarray(found)
 
 

@@ -98,6 +98,11 @@ class PlaneFit:
         return 2.0 * self.sigma_hc_rad / ARCSEC
 
     @property
+    def hc_unbiased(self) -> float:
+        """By how much `sigma_hc_rad` were larger with squares over their n - 2 degrees of freedom."""
+        return float(np.sqrt((self.vectors - 1.0) / self.dof))
+
+    @property
     def theta_m_arcsec(self) -> float:
         """Mean angle out of the plane (eq. 19)."""
         return self.theta_m_rad / ARCSEC

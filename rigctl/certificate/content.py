@@ -174,7 +174,7 @@ def _quantities(result: MeasurementResult, details: CertificateDetails) -> list[
     found = []
     for place, each in enumerate(result.quantities):
         limits = wanted.get(each.name, each.limits)
-        known = Knowledge(each.value, float(u[place]), float(dof[place]), each.kind)
+        known = Knowledge(each.value, float(u[place]), float(dof[place]), each.kind, each.unbiased)
         decided = limits and decide(known, limits, details.decision.rule, details.decision.largest_risk)
         mean = each.kind == "mean"
         found.append(

@@ -18,7 +18,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.experiments.analysis import measurement_result_of
 from rigctl.workbench.model import versions
 
-_RECIPE = Recipe("measurement result", 1)
+_RECIPE = Recipe("measurement result", 2)
 _NAME = "current"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,7 +84,12 @@ def test_a_guard_band_of_the_expanded_uncertainty_has_a_risk_of_2_3_percent() ->
     assert decide(Knowledge(7.999, 1.0, math.inf), Limits(None, 10.0), "guard band", 0.02275013).verdict == "pass"
 
 
-KNOWN = [Knowledge(1.0, 0.1, 4.0), Knowledge(1.0, 0.1, math.inf), Knowledge(1.0, 0.3, 5.0, "spread")]
+KNOWN = [
+    Knowledge(1.0, 0.1, 4.0),
+    Knowledge(1.0, 0.1, math.inf),
+    Knowledge(1.0, 0.3, 5.0, "spread"),
+    Knowledge(1.0, 0.3, 5.0, "spread", 1.1),
+]
 
 
 @pytest.mark.parametrize("known", KNOWN)
@@ -91,7 +97,7 @@ KNOWN = [Knowledge(1.0, 0.1, 4.0), Knowledge(1.0, 0.1, math.inf), Knowledge(1.0,
 def test_at_the_acceptance_limit_the_risk_is_the_largest_allowed(known: Knowledge, limits: Limits) -> None:
     accepted = decide(known, limits, "guard band", 0.05).acceptance
     (edge,) = [each for each in (accepted.lower, accepted.upper) if each is not None]
-    at_edge = Knowledge(edge, known.standard_uncertainty, known.dof, known.kind)
+    at_edge = replace(known, value=edge)
     assert 1.0 - at_edge.inside(limits) == pytest.approx(0.05, rel=1e-9)
 
 

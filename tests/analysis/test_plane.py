@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -5,6 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from rigctl.analysis.measurement_result import spread_interval
 from rigctl.analysis.plane import ARCSEC, Axis, angle_between, fit_plane, plane_normals
 from rigctl.core.errors import ProcedureError
 
@@ -114,6 +117,18 @@ PRINTED = {
     "Y": ((-6.7925e-3, 9.9997e-1, -1.9907e-3), -0.342),
 }
 """Table 1: axis in the cube's frame, theta_m [arcsec]."""
+
+
+def test_the_interval_of_a_half_cone_deviation_holds_the_true_one():
+    """Of six vectors two degrees of freedom are the plane's: with five, one in thirteen was outside."""
+    rng, sets = np.random.default_rng(16), 4000
+    inside = 0
+    for _ in range(sets):
+        fit = fit_plane(two_clusters(rng, each=3), [0, 0, 1])
+        low, high = spread_interval(fit.hc_unbiased * fit.sigma_hc_rad, fit.dof)
+        inside += low < SCATTER_RAD < high
+    # Four standard deviations of a share of 95 %.
+    assert abs(inside / sets - 0.95) < 4.0 * math.sqrt(0.95 * 0.05 / sets)
 
 
 def nulls_of(rng, axis, each=10):

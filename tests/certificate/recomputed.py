@@ -77,6 +77,11 @@ class Known:
     spread: bool
 
     @property
+    def estimate(self) -> float:
+        """Of a spread, the root of its squares over their degrees of freedom, known to 1 / sqrt(2 dof) of itself."""
+        return self.u * math.sqrt(2.0 * self.dof)
+
+    @property
     def k(self) -> float:
         whole = math.floor(self.dof + 1e-9) if math.isfinite(self.dof) else math.inf
         return float(stats.t.ppf(0.975, whole) if math.isfinite(whole) else stats.norm.ppf(0.975))
@@ -85,12 +90,12 @@ class Known:
     def ends(self) -> tuple[float, float]:
         if not self.spread:
             return self.value - self.k * self.u, self.value + self.k * self.u
-        low, high = (self.value * math.sqrt(self.dof / stats.chi2.ppf(p, self.dof)) for p in (0.975, 0.025))
+        low, high = (self.estimate * math.sqrt(self.dof / stats.chi2.ppf(p, self.dof)) for p in (0.975, 0.025))
         return low, high
 
     def below(self, limit: float) -> float:
         if self.spread:
-            return float(stats.chi2.sf(self.dof * (self.value / limit) ** 2, self.dof))
+            return float(stats.chi2.sf(self.dof * (self.estimate / limit) ** 2, self.dof))
         t = (limit - self.value) / self.u
         return float(stats.t.cdf(t, self.dof) if math.isfinite(self.dof) else stats.norm.cdf(t))
 
@@ -98,7 +103,7 @@ class Known:
         """A limit less its guard band, `side` 1 for an upper one (JCGM 106, 8.3.2)."""
         if self.spread:
             p = RISK if side > 0 else 1.0 - RISK
-            return limit * math.sqrt(stats.chi2.ppf(p, self.dof) / self.dof)
+            return limit * math.sqrt(stats.chi2.ppf(p, self.dof) / self.dof) * self.value / self.estimate
         t = stats.t.ppf(1.0 - RISK, self.dof) if math.isfinite(self.dof) else stats.norm.ppf(1.0 - RISK)
         return float(limit - side * t * self.u)
 
@@ -123,18 +128,23 @@ def of_axes(told: Mapping[str, Any]) -> Account:
     m, more = len(slopes), len(axes)
     covariance = np.zeros((m + more, m + more))
     covariance[:m, :m] = slopes @ np.array(told["host"]["covariance"]) @ slopes.T
-    covariance[range(m, m + more), range(m, m + more)] = deviations**2 / (2.0 * (vectors - 1.0))
+    # The plane takes two degrees of freedom of the squares that eq. 16 divides by n - 1.
+    unbiased = np.sqrt((vectors - 1.0) / (vectors - 2.0))
+    covariance[range(m, m + more), range(m, m + more)] = (unbiased * deviations) ** 2 / (2.0 * (vectors - 2.0))
     parts: dict[str, list[np.ndarray]] = {}
     dof: dict[str, float] = {}
     for name, alternatives in _of_directions(told, axes).items():
-        parts[name] = [np.concatenate([np.abs(slopes @ each), np.zeros(more)]) for each in alternatives]
-        own = re.fullmatch(r"scatter in .* of (\w+)", name)
+        parts[name] = [
+            np.concatenate([np.sqrt(sum((slopes @ each) ** 2 for each in inputs)), np.zeros(more)])
+            for inputs in alternatives
+        ]
+        own = re.fullmatch(r"scatter of (\w+)", name)
         dof[name] = told["axes"][own[1]]["dof"] if own else math.inf
     for place, axis in enumerate(axes):
         name = f"number of null vectors of {axis}"
         column = np.zeros(m + more)
         column[m + place] = math.sqrt(covariance[m + place, m + place])
-        parts[name], dof[name] = [column], vectors[place] - 1.0
+        parts[name], dof[name] = [column], vectors[place] - 2.0
     names = [f"axis {axis}, {component}" for axis in axes for component in "xyz"]
     names += [f"angle {a} to {b}" for a, b in pairs] + [f"half-cone deviation {axis}" for axis in axes]
     limits = {m + place: (None, told["axes"][axis]["requirement_arcsec"]) for place, axis in enumerate(axes)}
@@ -142,8 +152,13 @@ def of_axes(told: Mapping[str, Any]) -> Account:
     return Account(names, values, covariance, parts, dof, frozenset(range(m, m + more)), limits)
 
 
-def _of_directions(told: Mapping[str, Any], axes: Mapping[str, np.ndarray]) -> dict[str, list[np.ndarray]]:
-    """Of every source all vectors (3 n,) that its two unsigned parts of each axis allow."""
+def _of_directions(
+    told: Mapping[str, Any], axes: Mapping[str, np.ndarray]
+) -> dict[str, list[tuple[np.ndarray, ...]]]:
+    """Of every source, by its inputs, all vectors (3 n,) that their two unsigned parts of each axis allow.
+
+    Scatter of an axis has an input for each configuration, and one estimate.
+    """
     signed: dict[str, dict[str, list[np.ndarray]]] = {}
     for axis in axes:
         budget = told["budget"][axis]
@@ -155,10 +170,12 @@ def _of_directions(told: Mapping[str, Any], axes: Mapping[str, np.ndarray]) -> d
             signs = (np.array(pair) for pair in product((1.0, -1.0), repeat=2))
             signed.setdefault(name, {})[axis] = [basis.T @ (sign * both) for sign in signs]
     nothing = [np.zeros(3)]
-    return {
-        name: [np.concatenate(each) for each in product(*(of.get(axis, nothing) for axis in axes))]
-        for name, of in signed.items()
-    }
+    inputs: dict[str, list[list[np.ndarray]]] = {}
+    for name, of in signed.items():
+        source = re.sub(r"^scatter in \S+ of ", "scatter of ", name)
+        both = [np.concatenate(each) for each in product(*(of.get(axis, nothing) for axis in axes))]
+        inputs.setdefault(source, []).append(both)
+    return {name: list(product(*each)) for name, each in inputs.items()}
 
 
 def _angle_deg(a: np.ndarray, b: np.ndarray) -> float:
@@ -327,13 +344,17 @@ def _check_conformity(rows: Sequence[Sequence[str]], account: Account, known: Se
         inside, verdict, wrong = _decided(each, limits)
         assert row[3].lower() == verdict
         sided = [(limit, side) for limit, side in zip(limits, (-1, 1), strict=True) if limit is not None]
-        accepted = [each.accepted(limit, side) for limit, side in sided]
-        wanted = [*(limit for limit, _ in sided), *accepted, inside, *([] if wrong is None else [wrong])]
-        printed = [*_numbers(row[1]), *_numbers(row[2]), *_numbers(row[4]), *_numbers(row[5])]
-        digits = [*[5] * (len(wanted) - 1 - (wrong is not None)), 4, *([] if wrong is None else [2])]
-        for text, value, count in zip(printed, wanted, digits, strict=True):
-            assert _significant(text, value, count, 0.0 if count == 5 else SUBTRACTED), (row[0], text, value)
-        seen += len(printed)
+        assert [float(text) for text in _numbers(row[1])] == [limit for limit, _ in sided]
+        # A digit more than the value, and never beyond what is accepted.
+        step = 10.0 ** (math.floor(math.log10(0.5 * (each.ends[1] - each.ends[0]))) - 2)
+        for text, (limit, side) in zip(_numbers(row[2]), sided, strict=True):
+            assert -1e-9 * step <= side * (each.accepted(limit, side) - float(text)) < step, (row[0], text)
+        wanted = [inside, *([] if wrong is None else [wrong])]
+        printed = [*_numbers(row[4]), *_numbers(row[5])]
+        for text, value, count in zip(printed, wanted, (4, 2), strict=False):
+            assert _significant(text, value, count, SUBTRACTED), (row[0], text, value)
+        assert len(printed) == len(wanted)
+        seen += len(printed) + 2 * len(sided)
     return seen
 
 

@@ -19,6 +19,7 @@ from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import observables
 from rigctl.experiments.sensing_axis.result.budget import AxisBudget, axis_budgets
+from rigctl.experiments.sensing_axis.result.measurement import axes_measured
 from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult
 
 TRUE_AXIS = np.array([1.0, 0.002, 0.008])
@@ -81,6 +82,17 @@ def test_the_scatter_is_that_of_the_plane(result: SensingAxisResult, axis_budget
     stated = np.diag(axis_budget.basis @ result.axes["X"].plane.covariance @ axis_budget.basis.T)
     # The plane's covariance pools the same scatter over both configurations, which are equally many here.
     np.testing.assert_allclose(np.sum(parts**2, axis=0), stated, rtol=0.02)
+
+
+def test_scatter_is_one_estimate_in_whatever_frame(result: SensingAxisResult) -> None:
+    """Turned by 35 deg a component has scatter of both configurations: from one standard deviation all the same."""
+    turned = FrameRotation(Rotation.from_euler("z", 35.0, degrees=True).as_matrix(), np.zeros((3, 3)))
+    there = replace(result, axes={"X": replace(result.axes["X"], host=turned)})
+    measured = axes_measured(there, axis_budgets(there, {}))
+    parts = {each.name: each.standard_uncertainty[:3] for each in measured.sources}
+    assert np.all(parts["scatter of X"] > 0.99 * measured.standard_uncertainty[:3])
+    # What else there is has more of them.
+    assert np.all((measured.effective_dof[:3] >= 6.0) & (measured.effective_dof[:3] < 6.3))
 
 
 @pytest.mark.parametrize(("quantity", "name"), [("tilt_deg", "beam tilt"), ("scale", "scale")])

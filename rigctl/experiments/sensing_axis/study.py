@@ -146,8 +146,8 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
             except ProcedureError:
                 continue
             value = plane.std_hc_2sigma_arcsec
-            # A standard deviation of n values is known to 1 / sqrt(2 (n - 1)) of itself.
-            sigma = float(value / np.sqrt(2.0 * (plane.vectors - 1.0)))
+            # A standard deviation is known to 1 / sqrt(2 dof) of itself.
+            sigma = float(plane.hc_unbiased * value / np.sqrt(2.0 * plane.dof))
             shown[f"std_hc_2sigma[{axis}]"] = {"value": value, "sigma": sigma, "unit": "arcsec"}
         return shown
 

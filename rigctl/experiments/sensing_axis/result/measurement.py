@@ -7,7 +7,7 @@ tilt, the cube, the rotation into the host's frame) correlates them; scatter and
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -30,7 +30,10 @@ METHOD = (
     "Two-phase null search of each mounting, and the plane of total least squares through the null vectors of all "
     "mountings of an axis, whose normal is the sensing axis (Lucente et al. 2022, Planetary and Space Science 211)"
 )
-OWN = ("scatter in ", "resonance in ")
+SCATTER = "scatter in "
+"""So begins the scatter of an axis in a configuration, in all of them by the same estimate."""
+
+OWN = (SCATTER, "resonance in ")
 """Contributions that belong to one axis begin so."""
 
 
@@ -58,22 +61,21 @@ def axes_measured(result: SensingAxisResult, budgets: Mapping[str, AxisBudget]) 
             Limits(None, result.axes[name].requirement_arcsec, "requirement_arcsec of the rig file's package")
             if result.axes[name].requirement_is_stated
             else None,
+            unbiased=result.axes[name].plane.hc_unbiased,
         )
         for name in axes
     ]
     quantities = (*directions, *angles, *spreads)
     sources = [_widened(each, slopes, len(quantities)) for each in _of_directions(budgets)]
     for place, (name, spread) in enumerate(zip(axes, spreads, strict=True), start=len(directions) + len(angles)):
-        n = result.axes[name].plane.vectors
-        sources.append(
-            spread_source(f"number of null vectors of {name}", place, len(quantities), spread.value, n - 1.0)
-        )
+        estimate, dof = spread.unbiased * spread.value, result.axes[name].plane.dof
+        sources.append(spread_source(f"number of null vectors of {name}", place, len(quantities), estimate, dof))
     remarks = [
         "Components of axes are in the host's frame (UOAF)."
         if result.fit.model.package.states_host_frame
         else "Components of axes are in the cube's frame: nobody has stated how it stands in the host's.",
-        "The half-cone deviation is twice the standard deviation of the null vectors' angles out of their plane; its "
-        "interval is that of a standard deviation.",
+        "The half-cone deviation is twice the standard deviation of n null vectors' angles out of their plane; its "
+        "interval is that of a standard deviation with n - 2 degrees of freedom: the plane has two.",
         *(f"Axis {name} has no result: {reason}" for name, reason in result.missing.items()),
         *(f"Budget of axis {name}: {budget.check.reason}." for name, budget in budgets.items()),
     ]
@@ -90,14 +92,28 @@ def _angle_slopes(axes: Mapping[str, FloatArray], pair: tuple[str, str]) -> Floa
 
 
 def _of_directions(budgets: Mapping[str, AxisBudget]) -> list[Source]:
-    """Every contribution over the components of all axes."""
-    return common_sources(
+    """Every contribution over the components of all axes; the scatter of an axis is one source."""
+    sources = common_sources(
         3 * len(budgets),
         (
             (f"{each.name} of {axis}" if each.name.startswith(OWN) else each.name, each, place, column)
             for axis, budget, place in zip(budgets, budgets.values(), _places(len(budgets)), strict=True)
             for each, column in zip(budget.budget.contributions, _components(budget).T, strict=True)
         ),
+    )
+    scatter = [_scatter_of(axis, sources) for axis in budgets]
+    return [*scatter, *(each for each in sources if not each.name.startswith(SCATTER))]
+
+
+def _scatter_of(axis: str, sources: Sequence[Source]) -> Source:
+    """Of all configurations together: two sources would have twice the degrees of freedom of their one estimate."""
+    own = [each for each in sources if each.name.startswith(SCATTER) and each.name.endswith(f" of {axis}")]
+    configurations = [each.name.removeprefix(SCATTER).removesuffix(f" of {axis}") for each in own]
+    return replace(
+        own[0],
+        name=f"scatter of {axis}",
+        covariance=np.sum([each.covariance for each in own], axis=0),
+        input=", ".join(f"{name} {each.input}" for name, each in zip(configurations, own, strict=True)),
     )
 
 
