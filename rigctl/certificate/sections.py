@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Any
 
-from rigctl.report.quantities import counted, number, probability, share
+from rigctl.report.quantities import counted, number, probability, share, with_unit
 from rigctl.report.tables.result_table import ResultTable
 
 Content = Mapping[str, Any]
@@ -126,15 +127,21 @@ def _results(content: Content) -> Iterator[str | ResultTable]:
 
 def rounded(quantity: Mapping[str, Any]) -> tuple[str, str]:
     """Value and expanded uncertainty, or interval, to two digits of the uncertainty, without the unit."""
-    value, expanded = quantity["value"], quantity["expanded_uncertainty"]
-    if expanded is None:
-        low, high = quantity["coverage_interval"]
-        places = _places(0.5 * (high - low))
-        return fixed(value, places), f"[{fixed(low, places)}, {fixed(high, places)}]"
-    if not expanded:
+    value, half = quantity["value"], _half_width(quantity)
+    if not half:
         return number(value, 9), "0"
-    places = _places(expanded)
-    return fixed(value, places), fixed(expanded, places)
+    places = _places(half)
+    if quantity["expanded_uncertainty"] is None:
+        low, high = quantity["coverage_interval"]
+        return fixed(value, places), f"[{fixed(low, places)}, {fixed(high, places)}]"
+    return fixed(value, places), fixed(half, places)
+
+
+def _half_width(quantity: Content) -> float:
+    """Expanded uncertainty, of a spread half its interval."""
+    low, high = quantity["coverage_interval"]
+    expanded = quantity["expanded_uncertainty"]
+    return float(0.5 * (high - low) if expanded is None else expanded)
 
 
 def _places(uncertainty: float) -> int:
@@ -163,7 +170,8 @@ def _conformity(content: Content) -> Iterator[str | ResultTable]:
         rows.append(
             [
                 each["name"],
-                *(f"{_between(said[key])} {_unit(each['unit'])}" for key in ("limits", "acceptance")),
+                with_unit(_between(said["limits"], _in_full), each["unit"]),
+                _accepted(each),
                 said["verdict"].upper() if said["verdict"] != "pass" else "pass",
                 number(said["probability"], 4),
                 probability(risk) if risk is not None else "-",
@@ -199,11 +207,34 @@ def decision_rule(decided: Mapping[str, Any]) -> str:
     )
 
 
-def _between(limits: Mapping[str, Any]) -> str:
+def _between(limits: Mapping[str, Any], shown: Callable[[float, str], str]) -> str:
     low, high = limits["lower"], limits["upper"]
     if low is None:
-        return f"≤ {number(high, 5)}"
-    return f"≥ {number(low, 5)}" if high is None else f"{number(low, 5)} to {number(high, 5)}"
+        return f"≤ {shown(high, ROUND_FLOOR)}"
+    if high is None:
+        return f"≥ {shown(low, ROUND_CEILING)}"
+    return f"{shown(low, ROUND_CEILING)} to {shown(high, ROUND_FLOOR)}"
+
+
+def _in_full(limit: float, _: str) -> str:
+    """What was asked for, to its last digit."""
+    return f"{limit:.15g}"
+
+
+def _accepted(quantity: Content) -> str:
+    """Between which values it passes, to one digit more than the value, rounded into that interval."""
+    decided, half = quantity["conformity"], _half_width(quantity)
+    accepted = decided["acceptance"]
+    if accepted == decided["limits"] or not half:
+        return with_unit(_between(accepted, _in_full), quantity["unit"])
+    if None not in (accepted["lower"], accepted["upper"]) and accepted["lower"] > accepted["upper"]:
+        return "no value: U is too large"
+    places = _places(half) + 1
+
+    def inwards(limit: float, rounding: str) -> str:
+        return fixed(float(Decimal(limit).quantize(Decimal(1).scaleb(-places), rounding)), places)
+
+    return with_unit(_between(accepted, inwards), quantity["unit"])
 
 
 def _budget(content: Content) -> Iterator[str | ResultTable]:

@@ -87,6 +87,13 @@ class CertificateDetails(Table):
             raise ValueError("ended has to be on the day it began, or later")
         return self
 
+    @model_validator(mode="after")
+    def _each_once(self) -> CertificateDetails:
+        named = [each.quantity for each in self.requirements]
+        if twice := [name for name in dict.fromkeys(named) if named.count(name) > 1]:
+            raise ValueError(f"two requirements on {twice[0]!r}; write its lower and upper in one")
+        return self
+
 
 def read_details(path: Path) -> CertificateDetails:
     """Read and check a file of details; `ConfigError`."""

@@ -13,8 +13,9 @@ import pytest
 
 from rigctl.campaign.item import item_of
 from rigctl.campaign.store.store import Store
-from rigctl.certificate import sealed
+from rigctl.certificate import sealed, sections
 from rigctl.files.certificate_file import read_details
+from rigctl.report.tables.result_table import ResultTable
 
 ROOT = Path(__file__).parents[2]
 PONTIUS = ROOT / "examples" / "pontius"
@@ -259,6 +260,36 @@ def test_a_requirement_on_what_is_not_there_names_what_is(table: Any) -> None:
     ended = table.rigctl("certificate", table.store, "--details", "d.toml", "--out", "t.html")
     assert ended.status == 2
     assert ended.err.splitlines()[-1] == "d.toml: there is no quantity 'b7' in this result; one of b0, b1"
+
+
+def test_two_requirements_on_one_quantity_are_refused(table: Any) -> None:
+    """One of them would be dropped without a word."""
+    asked = "".join(f"[[requirements]]\nquantity = 'b1'\n{side} = 1.0\n" for side in ("upper", "lower"))
+    (table.directory / "d.toml").write_text(asked)
+    ended = table.rigctl("certificate", table.store, "--details", "d.toml", "--out", "t.html")
+    assert ended.status == 2
+    assert "two requirements on 'b1'; write its lower and upper in one" in ended.err.splitlines()[-1]
+
+
+def test_what_was_asked_for_stands_in_full_and_what_is_accepted_holds_what_passed(table: Any) -> None:
+    assert table.rigctl("certificate", table.store, "--out", "a.html").status == 0
+    b0, b1 = _content(table.directory / "a.html")["quantities"]
+    near = b1["value"] + 1.1 * b1["expanded_uncertainty"]
+    narrow = [b0["value"] + half * b0["expanded_uncertainty"] for half in (-0.5, 0.5)]
+    (table.directory / "d.toml").write_text(
+        f"[[requirements]]\nquantity = 'b1'\nupper = {near:.12g}\n"
+        f"[[requirements]]\nquantity = 'b0'\nlower = {narrow[0]:.12g}\nupper = {narrow[1]:.12g}\n"
+    )
+    assert table.rigctl("certificate", table.store, "--details", "d.toml", "--out", "b.html").status == 0
+    content = _content(table.directory / "b.html")
+    (said,) = [each.blocks[0] for each in sections.sections(content) if each.title == "Conformity"]
+    assert isinstance(said, ResultTable)
+    empty, passed = said.rows
+    assert empty[2:4] == ["no value: U is too large", "UNDECIDED"]
+    assert passed[1].startswith(f"≤ {near:.12g}")
+    # Five digits of a number with six would end below the value that passed.
+    assert passed[3] == "pass"
+    assert float(sections.rounded(b1)[0]) <= float(passed[2].split()[1]) <= near
 
 
 def test_the_documented_file_of_details_is_taken(tmp_path: Path) -> None:
