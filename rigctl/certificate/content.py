@@ -16,9 +16,9 @@ import numpy as np
 
 from rigctl.analysis.conformity import Knowledge, decide
 from rigctl.analysis.measurement_result import Limits, MeasurementResult
+from rigctl.campaign.days import first_day, last_day
 from rigctl.campaign.item import item_of
 from rigctl.campaign.status import status_in
-from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.certificate.basis import Basis, basis_of
 from rigctl.certificate.equipment import Instrument, as_range, instruments_of, recorded_conditions
@@ -150,12 +150,11 @@ def _administration(details: CertificateDetails) -> dict[str, Any]:
 
 def _dates(store: Store, details: CertificateDetails) -> dict[str, str | None]:
     """Days of reception and of calibration; a bundle does not always say when it was measured."""
-    ended = store.last_event(RUN_ENDED)
-    began = store.header.started[:10] or _day(details.began)
+    began = first_day(store) or _day(details.began)
     return {
         "received": _day(details.item.received),
         "began": began,
-        "ended": ended.time[:10] if ended is not None else _day(details.ended) or began,
+        "ended": last_day(store, _day(details.ended) or "") or began,
     }
 
 

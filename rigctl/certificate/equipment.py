@@ -8,8 +8,8 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from rigctl.campaign.days import last_day
 from rigctl.campaign.stated import certificates_of
-from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.files.rig_file import Certificate, parse_rig
 
@@ -68,10 +68,8 @@ def _roles(store: Store) -> dict[str, str]:
 
 
 def _last_day(store: Store) -> date | None:
-    ended = store.last_event(RUN_ENDED)
-    said = ended.time if ended is not None else store.header.started
     try:
-        return date.fromisoformat(said[:10])
+        return date.fromisoformat(last_day(store))
     except ValueError:  # a recording from elsewhere may say nothing
         return None
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from rigctl.campaign.days import first_day, last_day
 from rigctl.campaign.item import item_of
 from rigctl.campaign.status import status_in
-from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.report.quantities import counted
 
@@ -25,11 +25,9 @@ def calibrated(store: Store) -> Iterator[str]:
 
 
 def _days(store: Store) -> str:
-    ended = store.last_event(RUN_ENDED)
-    began = store.header.started[:10]
+    began, last = first_day(store), last_day(store)
     if not began:
         return "The recording does not say when it was measured."
-    last = ended.time[:10] if ended is not None else began
     return f"Measured on {began}." if last == began else f"Measured from {began} to {last}."
 
 

@@ -17,6 +17,7 @@ from rigctl.campaign.bundle.bundle import import_bundle, import_report, read_bun
 from rigctl.campaign.bundle.files import BundleFiles
 from rigctl.campaign.bundle.sample_file import csv_bytes, read_sample_file
 from rigctl.campaign.bundle.writer import LONG_RUN_VALUES
+from rigctl.campaign.days import first_day, last_day
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DamagedStore, DataError
@@ -382,6 +383,19 @@ def test_failed_export_leaves_nothing(died, tmp_path):
         with pytest.raises(DamagedStore, match=r"run 1 .*mark"):
             write_bundle(store, tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["died.rig.sqlite"]
+
+
+@pytest.mark.parametrize(
+    ("start_s", "ended"),
+    # The last valid run sets out two seconds before midnight and takes four; the third is marked invalid.
+    [("20.5", "2026-11-21"), (f"{10 + 71 * 3600 - 2}", "2026-11-24"), ("", "2026-11-21"), ("1e30", "2026-11-21")],
+)
+def test_the_runs_tell_on_which_day_a_recording_ended(sensing, tmp_path, start_s, ended):
+    sensing.set("runs.csv", 3, "start_s", start_s)
+    sensing.set("runs.csv", 4, "start_s", "9e6")
+    with import_bundle(sensing.write(), tmp_path / "s.rig.sqlite") as store:
+        assert (first_day(store), last_day(store)) == ("2026-11-21", ended)
+        assert last_day(store, "2026-12-01") == "2026-12-01"
 
 
 def test_recording_names_an_unknown_run(sensing):
