@@ -236,6 +236,16 @@ def _reference(values: Repeated, tested: Consistency) -> FloatArray:
 
 
 def _remarks(calibrations: Sequence[Calibration], quantities: Sequence[QuantityHistory]) -> Iterator[str]:
+    for key in ("name", "manufacturer", "model"):
+        # A store that says nothing contradicts nobody.
+        stated = [(word, each.store) for each in calibrations if (word := each.item.stated.get(key))]
+        first_in = dict(reversed(stated))
+        if len(first_in) > 1:
+            told = ", ".join(f"{word!r} in {first_in[word]}" for word in dict.fromkeys(word for word, _ in stated))
+            yield (
+                f"Its {key} is stated as {told}: are these one item? Two items with one serial number are compared "
+                "as if they were one; give each a serial number of its own."
+            )
     effects = {each.effects for each in calibrations}
     if len(effects) > 1:
         told = "; ".join(sorted(", ".join(each) or "the baseline alone" for each in effects))

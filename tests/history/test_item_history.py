@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,17 @@ def _only(calibrations: Sequence[Calibration]) -> ItemHistory:
 def _one(calibrations: Sequence[Calibration]) -> QuantityHistory:
     (quantity,) = _only(calibrations).quantities
     return quantity
+
+
+def test_two_items_with_one_serial_number_are_said() -> None:
+    items = [Item(serial="S-1", name=name, model="QA-2000") for name in ("Alpha", "", "Beta", "Alpha")]
+    alike = [_calibration(number, {"gain": 1.0}) for number in range(4)]
+    told = [replace(each, item=item) for each, item in zip(alike, items, strict=True)]
+    (remark,) = _only(told).remarks
+    assert remark.startswith(
+        "Its name is stated as 'Alpha' in 0.rig.sqlite, 'Beta' in 2.rig.sqlite: are these one item?"
+    )
+    assert _only(told[:2]).remarks == _only(alike).remarks == ()
 
 
 SERIES = [
