@@ -17,6 +17,7 @@ from rigctl.certificate.dcc import document
 from rigctl.certificate.sections import Content
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.core.whole_file import writing
+from rigctl.report import html
 
 
 class NotVerified(ProcedureError):
@@ -43,13 +44,14 @@ FORMS: Mapping[str, Callable[[Content], bytes]] = {".html": _html, ".pdf": pdf.p
 def form_of(out: Path) -> str:
     """The suffix of a file that can be written; `ConfigError` for another one, and for a PDF without a browser.
 
-    A file that was signed is not written anew: `ConfigError`.
+    A file that was signed is not written anew: `ConfigError`. `DataError` where there is no such directory.
     """
     suffix = out.suffix.lower()
     if suffix not in FORMS:
         raise ConfigError(f"{out}: certificates are written as {', '.join(FORMS)} only; give the file such a name")
     if signature.beside(out).exists():
         raise ConfigError(f"{out}: {signature.beside(out).name} signs what is there; give the new one another name")
+    html.require_directory(out)
     if suffix == ".pdf":
         pdf.browser()
     return suffix

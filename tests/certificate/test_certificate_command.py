@@ -245,6 +245,12 @@ def test_another_form_is_refused_before_any_work(table: Any) -> None:
     assert not out.exists()
 
 
+def test_a_directory_that_is_not_there_is_refused_before_any_work(table: Any) -> None:
+    ended = table.rigctl("certificate", table.store, "--out", "nowhere/t.html")
+    said = "nowhere/t.html: cannot be written: there is no directory nowhere; make it first"
+    assert (ended.status, ended.err.splitlines()) == (2, [said])
+
+
 def test_a_store_without_a_result_gives_one_line(table: Any) -> None:
     assert table.rigctl("mark", table.store, "readings", "wrong cell", "--invalid").status == 0
     out = table.directory / "t.html"
