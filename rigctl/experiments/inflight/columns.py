@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from rigctl.campaign.layout import (
@@ -20,7 +21,7 @@ from rigctl.campaign.layout import (
     slip_between,
     time_slip,
 )
-from rigctl.experiments.inflight.observe.gravity import gravity_findings
+from rigctl.experiments.inflight.observe.gravity import gravity_findings, trace_remark
 from rigctl.experiments.inflight.observe.sessions import (
     EQUIVALENCE,
     GRADIENT,
@@ -51,8 +52,14 @@ def _injected_period(run: Mapping[str, Any]) -> float:
 
 
 def _units(run: Mapping[str, Any], columns: Columns, constants: Mapping[str, float]) -> UnitFindings:
-    """The sampling period, how long the session lasts in orbits, and the stimulus in its own channel or, in a session
-    of the test, gravity."""
+    """The sampling period, how long the session lasts in orbits, the stimulus in its own channel or, in a session of
+    the test, gravity, and the trace of its gradient."""
+    found = _of_times_and_signals(run, columns, constants)
+    trace = trace_remark(columns)
+    return replace(found, remarks=(*found.remarks, trace)) if trace else found
+
+
+def _of_times_and_signals(run: Mapping[str, Any], columns: Columns, constants: Mapping[str, float]) -> UnitFindings:
     step_s = sample_step_s(columns["t_s"])
     period_s = float(run.get("sample_period_s", math.nan))
     if slip := slip_between(step_s, period_s):

@@ -9,6 +9,7 @@ from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.columns import COLUMNS
+from rigctl.experiments.inflight.observe.reduction import reduce_run
 from rigctl.experiments.inflight.observe.stimulus import AMPLITUDE_UNITS
 
 STEP_S, NOISE = 8.0, 1.2e-12
@@ -38,6 +39,26 @@ def test_every_session_shows_its_own_stimulus(flight, flown, session):
     assert found(flight, columns, {**conditions, "amplitude": np.nan}) == UnitFindings()
     short = {name: column[:2000] for name, column in columns.items()}
     assert found(flight, short, {**conditions, "orbits": np.nan, "amplitude": 1.0}) == UnitFindings()
+
+
+@pytest.mark.parametrize(("name", "factor"), [("t_xx", 1.004), ("t_zz", 0.999), ("t_yy", -1.0), ("t_xx", 1e3)])
+def test_a_gradient_with_a_trace_is_said_and_which_element_makes_it(flight, flown, name, factor):
+    columns, conditions = flown["ad11"]
+    spoilt = {**columns, name: factor * columns[name]}
+    # Samples that are missing are no gradient either.
+    spoilt["t_xx"] = np.where(np.arange(len(spoilt["t_xx"])) % 100 == 7, np.nan, spoilt["t_xx"])
+    [said] = found(flight, spoilt, conditions).remarks
+    assert f"{name} would have to be {1 / factor:.5g} times as large" in said
+    reduced = reduce_run("1", conditions, spoilt, flight.ORBIT_S)
+    assert any(f"{name} would have to be {1 / factor:.5g} times" in each for each in reduced.remarks)
+
+
+def test_a_gradient_less_turning_is_no_gradient(flight, flown):
+    columns, conditions = flown["ad11"]
+    # T - In of a satellite that turns about Y.
+    turned = {**columns, **{name: columns[name] + 1e-6 for name in ("t_xx", "t_zz")}}
+    [said] = found(flight, turned, conditions).remarks
+    assert said.startswith("t_xx + t_yy + t_zz is 2e-06 1/s2 (rms), and zero for any gravity: write the gradient")
 
 
 @pytest.mark.parametrize("session", AMPLITUDE_UNITS)

@@ -1,4 +1,4 @@
-"""Whether gravity in the telemetry of a session of the test is that of its orbit and its turning."""
+"""Whether gravity in the telemetry can be gravity: its gradient has no trace, its pull is that of the orbit."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ EARTH_M3_S2 = 3.986004418e14
 
 OFF_BY = 0.5
 """Of gravity: eccentricity, dating and gaps change its line by far less."""
+
+DIAGONAL = ("t_xx", "t_yy", "t_zz")
+
+TRACELESS = 3e-4
+"""Of the gradient: what moves an off-centring of 20 um by its sigma, 6 nm."""
 
 
 def gravity_findings(orbit_period_s: float, spin_hz: float, columns: Mapping[str, FloatArray]) -> UnitFindings:
@@ -40,3 +45,31 @@ def gravity_findings(orbit_period_s: float, spin_hz: float, columns: Mapping[str
         f"{pull_m_s2:.3g} with 180 deg; write the session and spin_frequency_hz that were flown, t_s from perigee, "
         "and g_x, g_y, g_z towards the Earth"
     )
+
+
+def trace_remark(columns: Mapping[str, FloatArray]) -> str | None:
+    """That the gradient in the telemetry is none, as Laplace's equation has its trace zero; None when it may be one.
+
+    Whatever the orbit and the attitude are: a factor in one element would pass for another off-centring.
+    """
+    diagonal = np.array([columns[name] for name in DIAGONAL])
+    diagonal = diagonal[:, np.isfinite(diagonal).all(axis=0)]
+    trace = diagonal.sum(axis=0)
+    largest = max(map(_rms, diagonal))
+    if _rms(trace) <= TRACELESS * largest:
+        return None
+    shown = f"t_xx + t_yy + t_zz is {_rms(trace):.2g} 1/s2 (rms), and zero for any gravity"
+    # How much larger each element would have to be, were it alone.
+    factors = [1.0 - float(each @ trace) / max(float(each @ each), np.finfo(float).tiny) for each in diagonal]
+    left = [_rms(trace + (factor - 1.0) * each) for factor, each in zip(factors, diagonal, strict=True)]
+    best = int(np.argmin(left))
+    if left[best] > TRACELESS * largest:
+        return f"{shown}: write the gradient as orbit and attitude give it, without what turning adds"
+    return (
+        f"{shown}: {DIAGONAL[best]} would have to be {factors[best]:.5g} times as large; write it as orbit and "
+        "attitude give it"
+    )
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0

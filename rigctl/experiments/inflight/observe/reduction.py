@@ -13,6 +13,7 @@ import numpy as np
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.edge import fast_noise
+from rigctl.experiments.inflight.observe.gravity import trace_remark
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of, thinned, thinning_gain
 from rigctl.experiments.inflight.observe.series import Amplitudes, raw_series, stretch_amplitudes
 from rigctl.experiments.inflight.observe.sessions import (
@@ -228,4 +229,7 @@ def _remarks(session: Session, grid: Grid, conditions: Mapping[str, Any]) -> tup
         remarks.append(f"it has {orbits:.5g} orbits, not {declared:g} as runs.csv says")
     if STIMULUS not in session.reduced_lines(grid.duration_s / HALVES) and session.moves_masses:
         remarks.append("its stimulus is too close to a line of the orbit to be resolved")
+    there = {name: column[grid.present] for name, column in grid.columns.items()}
+    if trace := trace_remark(there):
+        remarks.append(trace)
     return tuple(remarks)
