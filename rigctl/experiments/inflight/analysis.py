@@ -65,11 +65,15 @@ def analyse(workbench: Workbench) -> InflightResult:
     draws = [Draw.from_json(document.data) for document in workbench.store.documents(DRAW)]
     if draws:
         return InflightResult(tables(draws, workbench.store.header.constants))
+    from rigctl.experiments.inflight.effects_in_test import corrected
     from rigctl.experiments.inflight.observe.equivalence_runs import runs_of_test
     from rigctl.experiments.inflight.result.budget import calibration_budget
     from rigctl.experiments.inflight.result.equivalence import calibrated_of, doubts, equivalence
     from rigctl.experiments.inflight.result.result import calibration, systematic
-    from rigctl.experiments.inflight.study import IN_SAMPLES, InflightStudy
+    from rigctl.experiments.inflight.study import InflightStudy
+    from rigctl.experiments.inflight.study_data import usual_temperatures_k
+    from rigctl.experiments.inflight.study_model import InflightModel
+    from rigctl.workbench.study_base import own_model
     from rigctl.workbench.verdict.attempt import Attempt
     from rigctl.workbench.verdict.misfit import of_misfit
 
@@ -88,12 +92,15 @@ def analyse(workbench: Workbench) -> InflightResult:
     test = runs_of_test(studied.source)
     numbers["remarks"] = [*of_misfit(attempt, version.version), *numbers["remarks"], *test.left_out.values()]
     if test.runs:
-        calibrated = calibrated_of(values, covariance, beyond)
-        level = calibrated_level(studied)
-        runs = [run.about(level) for run in test.runs]
+        model, level = own_model(attempt.model, InflightModel), calibrated_level(studied)
+        effects = model.by_effect(values)
+        usual_k = usual_temperatures_k(studied.data.reduced.runs)
+        runs, told = corrected([run.about(level) for run in test.runs], studied.source, effects, usual_k)
+        known = {effect.id for (effect, _), is_told in zip(effects, told, strict=True) if is_told}
+        places = [place for place, owner in enumerate(model.owners) if owner in known]
+        calibrated = calibrated_of(values, covariance, beyond, places)
         numbers["ep"] = equivalence(runs, calibrated)
-        acting = [term.effect for term in version.terms if term.effect not in IN_SAMPLES]
-        numbers["remarks"] += doubts(runs, calibrated, acting)
+        numbers["remarks"] += doubts(runs, calibrated, [each.id for each, _ in effects if each.id not in known])
     return InflightResult(numbers)
 
 

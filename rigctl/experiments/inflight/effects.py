@@ -30,6 +30,10 @@ OF_EACH: Mapping[str, tuple[str, tuple[str, ...]]] = {
 """Effects with a coefficient of each axis, sensor or mass: of what, and the parameters that it takes besides. They
 are asked about without these first, and with them where the data ask for it."""
 
+OF_THE_ORBIT = ("magnetic", "gravity-j2", "orbit-precession", "tracker-aberration")
+"""Effects with lines of the orbit of their own, as a satellite that keeps its pointing sees them. In a session of the
+test these lie elsewhere, or where a violation does in sessions of calibration the same."""
+
 Value = FloatArray | float
 
 

@@ -53,7 +53,7 @@ class InflightModel:
         shared, changes = self._split(values)
         baseline = self.data.baseline
         columns = [-baseline.jacobian(shared, changes)]
-        for effect, parameters in self._by_effect(values):
+        for effect, parameters in self.by_effect(values):
             for derivative in self.data.effects.derivatives(effect, parameters):
                 # Effects are taken out of the measured side: predictions move by plus what they do.
                 columns.append(baseline.shift(shared, derivative)[:, None])
@@ -70,12 +70,12 @@ class InflightModel:
     def _split(self, values: FloatArray) -> tuple[FloatArray, list[ComplexArray] | None]:
         """The baseline's values, and what the effects do to the amplitudes of all halves."""
         total: list[ComplexArray] | None = None
-        for effect, parameters in self._by_effect(values):
+        for effect, parameters in self.by_effect(values):
             changes = self.data.effects.changes(effect, parameters)
             total = changes if total is None else [a + b for a, b in zip(total, changes, strict=True)]
         return values[: len(self.data.baseline.parameters)], total
 
-    def _by_effect(self, values: FloatArray) -> list[tuple[Effect, FloatArray]]:
+    def by_effect(self, values: FloatArray) -> list[tuple[Effect, FloatArray]]:
         """Each effect with the values of its parameters."""
         ends = np.cumsum([len(effect.parameters) for effect in self._effects])[:-1]
         parts = np.split(values[len(self.data.baseline.parameters) :], ends)

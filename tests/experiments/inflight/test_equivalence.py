@@ -5,9 +5,13 @@ import pytest
 from scipy import stats
 
 from rigctl.campaign.layout import UnitFindings
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.core.errors import DataError
 from rigctl.core.satellites import FlightSession
+from rigctl.core.units import ABSOLUTE_ZERO_C
+from rigctl.effects.catalogue import catalogue
 from rigctl.experiments.inflight.columns import COLUMNS
+from rigctl.experiments.inflight.effects_in_test import corrected
 from rigctl.experiments.inflight.model.parameters import NAMES, SHARED
 from rigctl.experiments.inflight.observe.equivalence import reduce_test
 from rigctl.experiments.inflight.observe.pulses import FALSE_PER_DAY
@@ -246,6 +250,65 @@ def test_what_acts_besides_at_the_frequency_of_the_test_is_said():
     assert contradiction.startswith("the sessions of the test contradict each other")
     [left] = said(0.0, ["thermal-bias", "magnetic"])
     assert left.startswith("what thermal-bias, magnetic does at the frequency of the test is still in delta")
+
+
+HEADER = Header("inflight-calibration", constants={"orbit_period_s": ORBIT_S})
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+@pytest.mark.parametrize("effect", ["thermal-bias", "thermal-off-centring"])
+def test_what_an_effect_of_the_model_does_in_the_test_is_taken_out_with_its_uncertainty(session, effect):
+    settings = nature(noise_on=False, bounds={"tracker_bias_rad": 0.0})
+    calibrated, level = known(settings)
+    clean = flown(settings, session)[0]
+    f_hz, t_s = 1.0 / ORBIT_S + SESSIONS[session], clean["t_s"]
+    warmer = 0.1 * np.cos(2.0 * np.pi * f_hz * t_s + 0.7)
+    size = {"thermal-bias": 1e-13, "thermal-off-centring": 1e-8}[effect]
+    # By its definition in 2 m_dx; along X the centrifugal gradient is that of turning about Y.
+    gradient = clean["t_xx"] + (2.0 * np.pi * SESSIONS[session]) ** 2
+    apart = 2.0 * size * warmer if effect == "thermal-bias" else size * warmer * gradient
+    spoilt = {
+        **clean,
+        "m1_x": clean["m1_x"] + 0.5 * apart,
+        "m2_x": clean["m2_x"] - 0.5 * apart,
+        "temperature_c": 22.0 + warmer,
+    }
+    conditions = {"session": session, "spin_frequency_hz": SESSIONS[session]}
+    source = Recording(HEADER, [RunRecord("1", "1", "test", conditions)], {"1": spoilt}, ImportReport(1))
+    before, after = (reduce_test("1", conditions, each, ORBIT_S).about(level) for each in (clean, spoilt))
+    asked = catalogue("inflight-calibration")[effect]
+    values = np.array([size, *(0.0 for _ in list(asked.parameters)[1:])])
+    usual_k = np.full(2, 22.0 - ABSOLUTE_ZERO_C)
+    [run], told = corrected([after], source, [(asked, values)], usual_k)
+    assert told == [True]
+    wider = np.zeros((SHARED + values.size, SHARED + values.size))
+    wider[SHARED, SHARED] = (0.1 * size) ** 2
+    places = range(SHARED, SHARED + values.size)
+    both = calibrated_of(np.concatenate([calibrated.values, values]), wider, {}, places)
+    alone, with_it = equivalence([before], calibrated)["1"], equivalence([after], calibrated)["1"]
+    found = equivalence([run], both)["1"]
+    moved = np.array([with_it[name]["value"] - alone[name]["value"] for name in ("delta", "quadrature")])
+    for name in ("delta", "quadrature"):
+        left = found[name]["value"] - alone[name]["value"]
+        # The gain that multiplies the effect is another one by a hundredth.
+        assert abs(left) < 0.03 * np.hypot(*moved)
+    assert found["delta"]["sigma_calibration"] == pytest.approx(0.1 * abs(moved[0]), rel=0.05)
+    # As if there were no model, the effect is in it.
+    assert found["uncorrected"]["value"] == pytest.approx(with_it["uncorrected"]["value"])
+
+
+def test_an_effect_with_lines_of_the_orbit_is_left_in_a_session_of_the_test():
+    settings = nature(noise_on=False)
+    samples, conditions = flown(settings, "ep_inertial")[0], {"session": "ep_inertial"}
+    source = Recording(HEADER, [RunRecord("1", "1", "test", conditions)], {"1": samples}, ImportReport(1))
+    run = reduce_test("1", conditions, samples, ORBIT_S)
+    effects = catalogue("inflight-calibration")
+    asked = [(effects[name], np.full(len(effects[name].parameters), 1e-14)) for name in ("magnetic", "thermal-bias")]
+    # No thermometer tells what the second one did.
+    [made], told = corrected([run], source, asked, np.full(2, np.nan))
+    assert told == [False, False]
+    assert made.acting == ()
+    np.testing.assert_array_equal(made.amplitudes, run.amplitudes)
 
 
 def test_every_row_of_table_1_comes_out_of_an_inertial_session():

@@ -12,6 +12,7 @@ from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import AnyColumns
+from rigctl.experiments.inflight.observe.grid import Grid
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import GRADIENTS, INDEX, SERIES, temperatures
 from rigctl.experiments.inflight.observe.sessions import DRIFT, Session, moved_axis, moved_shares
@@ -80,19 +81,21 @@ class FlightRun:
         return made
 
 
-def flight_run(run: ReducedRun, point: str, usual_k: FloatArray) -> FlightRun:
-    """A reduced run for effects at a point; `usual_k` (2,) are the sensors' mean temperatures over the recording."""
-    grid = run.coarse
-    conditions = {
+def flight_run(
+    session: Session, grid: Grid, conditions: Mapping[str, object], point: str, usual_k: FloatArray
+) -> FlightRun:
+    """The thinned samples of a session for effects at a point; `usual_k` (2,) are the sensors' mean temperatures over
+    the recording."""
+    known = {
         name: np.full(len(grid.t_s), float(value))
-        for name, value in run.conditions.items()
+        for name, value in conditions.items()
         if isinstance(value, int | float)
     }
     return _flight(
-        run.session,
+        session,
         grid.t_s,
         grid.columns,
-        {**conditions, **grid.columns},
+        {**known, **grid.columns},
         point,
         usual_k,
         grid.present,
@@ -180,6 +183,27 @@ def _moved(session: Session, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     return moved, speed
 
 
+def added_to_series(
+    run_id: str, flight: FlightRun, effect: Effect, parameters: Mapping[str, float]
+) -> dict[int, FloatArray]:
+    """What an effect adds to the samples of those `SERIES` that it changes, by their place.
+
+    `DataError` when it is no number somewhere.
+    """
+    added = np.asarray(effect(flight, **parameters), dtype=np.float64)
+    try:
+        added = np.broadcast_to(added, flight.signal.shape)
+    except ValueError:
+        raise DataError(
+            f"effect '{effect.id}' returns shape {added.shape}, which does not fit run.signal's {flight.signal.shape}"
+        ) from None
+    if not (np.isfinite(added) | ~flight.present).all():
+        raise DataError(f"effect '{effect.id}' is no number in run {run_id}")
+    series = _IN_SERIES[effect.on](flight, np.where(flight.present, added, 0.0))
+    # Most effects act along one axis.
+    return {INDEX[name]: values for name, values in series.items() if values.any()}
+
+
 class Reducer:
     """What an effect adds, through the reduction of the measurement: one run's halves."""
 
@@ -193,23 +217,10 @@ class Reducer:
         `DataError` when it is no number somewhere.
         """
         if effect.on not in self._flights:
-            self._flights[effect.on] = flight_run(self._run, effect.on, self._usual_k)
-        flight = self._flights[effect.on]
-        added = np.asarray(effect(flight, **parameters), dtype=np.float64)
-        try:
-            added = np.broadcast_to(added, flight.signal.shape)
-        except ValueError:
-            raise DataError(
-                f"effect '{effect.id}' returns shape {added.shape}, which does not fit run.signal's "
-                f"{flight.signal.shape}"
-            ) from None
-        present = self._run.coarse.present
-        if not (np.isfinite(added) | ~present).all():
-            raise DataError(f"effect '{effect.id}' is no number in run {self._run.run_id}")
-        series = _IN_SERIES[effect.on](flight, np.where(present, added, 0.0))
-        # Most effects act along one axis.
-        changed = {INDEX[name]: values for name, values in series.items() if values.any()}
-        together = np.array(list(changed.values())).reshape(len(changed), len(present))
+            run = self._run
+            self._flights[effect.on] = flight_run(run.session, run.coarse, run.conditions, effect.on, self._usual_k)
+        changed = added_to_series(self._run.run_id, self._flights[effect.on], effect, parameters)
+        together = np.array(list(changed.values())).reshape(len(changed), len(self._run.coarse.present))
         changes = []
         for where, rows in self._rows:
             table = np.zeros((len(rows) // 2, len(SERIES)), dtype=np.complex128)

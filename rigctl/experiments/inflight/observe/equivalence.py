@@ -8,8 +8,8 @@ where nothing is to be expected, tell the noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,11 +32,19 @@ _SINGULAR = 1e-10
 
 
 @dataclass(frozen=True)
+class Acting:
+    """What each unit of an effect's parameter does to `TestRun.amplitudes` and `TestRun.beside`."""
+
+    amplitudes: FloatArray
+    beside: FloatArray
+
+
+@dataclass(frozen=True)
 class TestRun:
     """A reduced session: `amplitudes` (2, series) of each series on g_x and g_z [per m/s2], `spread` (2,) the
     standard uncertainty of one in noise of unit density, `beside` (2 lines, series) cosines and sines near the test's
     frequency, scaled so that their variance is the density. `missing` is a fraction, and counts what is masked
-    about `pulses`."""
+    about pulses, which begin at `pulses_s`."""
 
     __test__ = False
 
@@ -47,7 +55,14 @@ class TestRun:
     amplitudes: FloatArray
     beside: FloatArray
     spread: FloatArray
-    pulses: int = 0
+    pulses_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    acting: tuple[Acting, ...] = ()
+    """What effects of a model do, one for each of their parameters; `amplitudes` and `beside` have all of it."""
+
+    @property
+    def pulses(self) -> int:
+        """How many were found."""
+        return len(self.pulses_s)
 
     @property
     def dof(self) -> int:
@@ -94,23 +109,25 @@ def reduce_test(
 
     pulses_s = pulses_of(grid, [session.orbital_hz + session.spin_hz, *known_lines(session, grid.duration_s)])
     present &= ~covered(grid.t_s, pulses_s)
-    sums = TestSums(session, grid.t_s, taper(present, grid.step_s), 1)
+    sums = TestSums(session, grid.t_s, taper(present, grid.step_s), 1, grid.duration_s)
     for start in range(0, len(grid.t_s), _CHUNK):
         # A sample more on either side: rates are differences.
         here = slice(max(start - 1, 0), start + _CHUNK + 1)
         inner = slice(start - here.start, start - here.start + min(_CHUNK, len(grid.t_s) - start))
         sums.add(start, inner, [{name: column[here] for name, column in grid.columns.items()}])
-    return replace(sums.runs([run_id])[0], missing=1.0 - float(np.mean(present)), pulses=len(pulses_s))
+    return replace(sums.runs([run_id])[0], missing=1.0 - float(np.mean(present)), pulses_s=np.array(pulses_s))
 
 
 class TestSums:
-    """Sums over the samples of a session, of several satellites flown alike: what all of them share is made once."""
+    """Sums over the samples of a session that lasts `duration_s`, of several satellites flown alike: what all of them
+    share is made once."""
 
     __test__ = False
 
-    def __init__(self, session: Session, t_s: FloatArray, weight: FloatArray, satellites: int) -> None:
-        self._session, self._t_s, self._weight = session, t_s, weight
-        self._duration_s = len(t_s) * session.sample_period_s
+    def __init__(
+        self, session: Session, t_s: FloatArray, weight: FloatArray, satellites: int, duration_s: float
+    ) -> None:
+        self._session, self._t_s, self._weight, self._duration_s = session, t_s, weight, duration_s
         waves = [wave / self._duration_s for wave in range(1, _WAVES + 1)]
         known_hz = known_lines(session, self._duration_s)
         self._lines_hz = [*waves, *known_hz, *frequencies_beside(session, self._duration_s)]
@@ -122,18 +139,23 @@ class TestSums:
 
     def add(self, start: int, inner: slice, satellites: Sequence[Mapping[str, FloatArray]]) -> None:
         """Samples from number `start` on: the `inner` ones of columns, by satellite."""
-        at = slice(start, start + inner.stop - inner.start)
+        gravity = (np.stack([columns[name][inner] for name in GRAVITY]) for columns in satellites)
+        series = (_series(self._session, columns)[inner] for columns in satellites)
+        self.add_series(start, inner.stop - inner.start, zip(gravity, series, strict=True))
+
+    def add_series(self, start: int, count: int, satellites: Iterable[tuple[FloatArray, FloatArray]]) -> None:
+        """`count` samples from number `start` on: gravity (2, count) and `SERIES` (count, series), by satellite."""
+        at = slice(start, start + count)
         t_s, w = self._t_s[at], self._weight[at]
         x = 2.0 * (t_s - self._t_s[0]) / self._duration_s - 1.0
         rows = np.vstack([np.ones_like(x), x, x**2, templates(t_s, self._lines_hz)])
         weighted = rows * w
         self._shared += weighted @ rows.T, weighted @ weighted.T
-        for place, columns in enumerate(satellites):
-            gravity = np.stack([columns[name][inner] for name in GRAVITY])
+        for place, (gravity, series) in enumerate(satellites):
             pulled = gravity * w
             self._own[place, 0] += pulled @ np.vstack([gravity, rows]).T
             self._own[place, 1] += pulled @ np.vstack([pulled, weighted]).T
-            self._series[place] += np.vstack([pulled, weighted]) @ _series(self._session, columns)[inner]
+            self._series[place] += np.vstack([pulled, weighted]) @ series
 
     def runs(self, run_ids: Sequence[str]) -> list[TestRun]:
         """What the sums come to, by satellite; `DataError` where gravity cannot be told from lines beside it."""
@@ -184,7 +206,7 @@ def frequencies_beside(session: Session, duration_s: float) -> list[float]:
 def _series(session: Session, columns: Mapping[str, FloatArray]) -> FloatArray:
     """`SERIES` of some samples, (samples, series); T less turning."""
     if session.spin_hz:
-        columns = {**columns, **_less_inertia(session, session.sample_period_s, columns)}
+        columns = {**columns, **less_inertia(session, session.sample_period_s, columns)}
     # No mass is moved: times do not matter.
     return raw_series(session, np.empty(0), columns)
 
@@ -200,7 +222,7 @@ def _counted(table: FloatArray, level_m_s2: float) -> FloatArray:
     return made
 
 
-def _less_inertia(session: Session, step_s: float, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+def less_inertia(session: Session, step_s: float, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """T - In but for the angular acceleration, from the attitude's rates and the turning itself."""
     spin = 2.0 * np.pi * session.spin_hz
     x, y, z = (columns[f"att_{axis}"] for axis in "xyz")

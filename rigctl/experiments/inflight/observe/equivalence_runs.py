@@ -8,7 +8,7 @@ from rigctl.experiments.inflight.observe.equivalence import TestRun, reduce_test
 from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, Session
 from rigctl.experiments.inflight.observe.store_reduction import orbit_period_of
 
-RECIPE = Recipe("inflight-equivalence", 5)
+RECIPE = Recipe("inflight-equivalence", 6)
 """Its version is counted up whenever equivalence.py or pulses.py would give other numbers."""
 
 
@@ -29,18 +29,22 @@ def _packed(run: TestRun) -> Packed:
         "session": [session.name, session.orbit_period_s, session.sample_period_s, session.spin_hz],
         "orbits": run.orbits,
         "missing": run.missing,
-        "pulses": run.pulses,
     }
-    return Packed(head, {"amplitudes": run.amplitudes, "beside": run.beside, "spread": run.spread})
+    return Packed(
+        head, {"amplitudes": run.amplitudes, "beside": run.beside, "spread": run.spread, "pulses_s": run.pulses_s}
+    )
 
 
 def _unpacked(kept: Packed, run: RunRecord) -> TestRun:
     name, orbit_s, step_s, spin_hz = kept.head["session"]
+    at = kept.arrays
     return TestRun(
         run.run_id,
         Session(name, orbit_s, step_s, spin_hz=spin_hz),
         kept.head["orbits"],
         kept.head["missing"],
-        **kept.arrays,
-        pulses=kept.head["pulses"],
+        at["amplitudes"],
+        at["beside"],
+        at["spread"],
+        at["pulses_s"],
     )

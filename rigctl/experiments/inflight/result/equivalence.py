@@ -29,8 +29,8 @@ _STEP = 1e-40
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Parameters of the baseline that all sessions share, (SHARED,), their covariance, and what no session sees of
-    each, as standard uncertainties (SHARED,)."""
+    """Parameters of the baseline that all sessions share and, after them, of the effects that act in the test, (m,),
+    their covariance, and what no session sees of each, as standard uncertainties (m,)."""
 
     values: FloatArray
     covariance: FloatArray
@@ -49,8 +49,8 @@ def _session(run: TestRun, calibrated: Calibrated) -> dict[str, Any]:
     sigma_noise = math.sqrt(noise) * run.spread
     sigma_calibration = np.sqrt(np.diag(slopes @ calibrated.covariance @ slopes.T))
     sigma = np.hypot(sigma_noise, sigma_calibration)
-    before = _estimate(run, ALIKE[:, None])[:, 0]
-    sigma_before = math.sqrt(_density(run, ALIKE)) * run.spread
+    before = _estimate(run, _alike(run)[:, None])[:, 0]
+    sigma_before = math.sqrt(_density(run, _alike(run))) * run.spread
     return {
         "session": run.session.name,
         "f_ep_hz": run.test_hz,
@@ -75,9 +75,9 @@ def _session(run: TestRun, calibrated: Calibrated) -> dict[str, Any]:
 def _spectrum(run: TestRun, calibrated: Calibrated) -> dict[str, list[float]]:
     """Amplitudes, m/s2, at the test's frequency and beside it, before correction and after."""
     made: dict[str, list[float]] = {}
-    for name, values in (("before_m_s2", ALIKE), ("after_m_s2", calibrated.values)):
+    for name, values in (("before_m_s2", _alike(run)), ("after_m_s2", calibrated.values)):
         # Beside the line they are scaled to a density; at the line they are per gravity.
-        beside = run.spread[0] * (run.beside @ _equation(values[:, None], run)[:, 0])
+        beside = run.spread[0] * _made(run, values[:, None])[1][:, 0]
         at_line = _estimate(run, values[:, None])[:, 0]
         pairs = np.vstack([at_line, beside.reshape(-1, 2)])
         made[name] = [GRAVITY_M_S2 * float(np.hypot(*pair)) for pair in pairs]
@@ -103,7 +103,7 @@ def rows(run: TestRun, calibrated: Calibrated) -> dict[str, dict[str, float]]:
 
 def doubts(runs: Sequence[TestRun], calibrated: Calibrated, effects: Sequence[str]) -> list[str]:
     """What speaks against delta, a line each: something in quadrature with gravity, sessions that differ, and
-    `effects` of the model, which are fitted to the lines of calibration alone."""
+    `effects` of the model that are not taken out of them."""
     said = [
         f"run {run.run_id}: {found['value']:.2g} ± {found['sigma']:.2g} is in quadrature with gravity, where no "
         "violation is: something else acts at the frequency of the test, and may shift delta by as much; find what "
@@ -119,8 +119,8 @@ def doubts(runs: Sequence[TestRun], calibrated: Calibrated, effects: Sequence[st
         )
     if effects:
         said.append(
-            f"what {', '.join(effects)} does at the frequency of the test is still in delta: effects of the model "
-            "correct the calibration, not the sessions of the test"
+            f"what {', '.join(effects)} does at the frequency of the test is still in delta: the calibration is "
+            "corrected for it, sessions of the test cannot be"
         )
     return said
 
@@ -165,16 +165,25 @@ def _combined(runs: Sequence[TestRun], calibrated: Calibrated) -> dict[str, Any]
     return {"delta": {"value": float(weight @ values), "sigma": math.hypot(*parts.values()), **parts}}
 
 
-def _equation(values: AnyArray, run: TestRun) -> AnyArray:
-    """Coefficients of left side less right side for parameters (SHARED, k), complex or not; (series, k)."""
+def _made(run: TestRun, values: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Left side less right side for parameters (m, k), complex or not: at gravity's line (2, k), and beside it."""
     # The level of the calibration is in the series already, and no stimulus makes another.
     shown = Amplitudes(np.zeros((1, len(INDEX)), dtype=np.complex128), 0.0, 0.0)
-    return coefficients(run.session, shown, values)
+    equation = coefficients(run.session, shown, values[:SHARED])
+    at_line, beside = run.amplitudes @ equation, run.beside @ equation
+    for value, unit in zip(values[SHARED:], run.acting, strict=True):
+        at_line, beside = at_line - value * (unit.amplitudes @ equation), beside - value * (unit.beside @ equation)
+    return at_line, beside
+
+
+def _alike(run: TestRun) -> FloatArray:
+    """An instrument of which nothing is known, and no effects."""
+    return np.concatenate([ALIKE, np.zeros(len(run.acting))])
 
 
 def _estimate(run: TestRun, values: AnyArray) -> AnyArray:
-    """delta and its quadrature for parameters (SHARED, k), (2, k)."""
-    made = run.amplitudes @ _equation(values, run)
+    """delta and its quadrature for parameters (m, k), (2, k)."""
+    made, _ = _made(run, values)
     ac11, ac13 = values[len(NAMES)], values[NAMES.index("ac13_rad")]
     # 2 m_dx has delta (a_c11 g_x + a_c13 g_z): a_c11 is known to a hundredth, and so is delta.
     delta = made[0] / ac11
@@ -182,24 +191,28 @@ def _estimate(run: TestRun, values: AnyArray) -> AnyArray:
 
 
 def sensitivity(run: TestRun, values: FloatArray) -> FloatArray:
-    """d delta / d parameters, (SHARED,)."""
+    """d delta / d parameters, (m,)."""
     return np.asarray(sensitivities(run, values)[0])
 
 
 def sensitivities(run: TestRun, values: FloatArray) -> FloatArray:
-    """d / d parameters of delta and of what is in quadrature, (2, SHARED)."""
-    stepped = values[:, None] + 1j * _STEP * np.eye(SHARED)
+    """d / d parameters of delta and of what is in quadrature, (2, m)."""
+    stepped = values[:, None] + 1j * _STEP * np.eye(len(values))
     return np.asarray(np.imag(_estimate(run, stepped)) / _STEP)
 
 
 def _density(run: TestRun, values: FloatArray) -> float:
     """One-sided density of what is left beside the test's frequency, (m/s2)^2/Hz."""
-    return float(np.mean((run.beside @ _equation(values[:, None], run)[:, 0]) ** 2))
+    return float(np.mean(_made(run, values[:, None])[1] ** 2))
 
 
-def calibrated_of(values: FloatArray, covariance: FloatArray, systematic: Mapping[str, float]) -> Calibrated:
-    """From a fit of the baseline, whose first parameters all sessions share."""
-    beyond = np.zeros(SHARED)
+def calibrated_of(
+    values: FloatArray, covariance: FloatArray, systematic: Mapping[str, float], effects: Sequence[int] = ()
+) -> Calibrated:
+    """From a fit of the baseline, whose first parameters all sessions share; `effects` are the places of those of
+    effects that act in the test."""
+    places = [*range(SHARED), *effects]
+    beyond = np.zeros(len(places))
     for name, value in systematic.items():
         beyond[NAMES.index(name)] = value
-    return Calibrated(values[:SHARED], covariance[:SHARED, :SHARED], beyond)
+    return Calibrated(values[places], covariance[np.ix_(places, places)], beyond)

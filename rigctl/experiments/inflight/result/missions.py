@@ -40,7 +40,7 @@ def reduced_tests(
     step_s = session.sample_period_s
     count = round(duration_s / step_s)
     t_s = step_s * np.arange(count, dtype=np.float64)
-    sums = TestSums(session, t_s, taper(np.ones(count, dtype=bool), step_s), len(draws))
+    sums = TestSums(session, t_s, taper(np.ones(count, dtype=bool), step_s), len(draws), count * step_s)
     at, held = 0, np.empty((0, len(columns), len(draws)))
     for chunk in telemetry:
         going_on()
