@@ -74,17 +74,17 @@ def test_a_result_says_what_contradicts_it(tmp_path: Path) -> None:
     rows[0][names.index("pattern")] = "b"
     rows[1][names.index("v_z_v")] = "0.25"
     table.write_text("\n".join(",".join(row) for row in (names, *rows)) + "\n")
-    run("import", tmp_path / "bundle", "--store", tmp_path / "s.rig.sqlite")
+    read = run("import", tmp_path / "bundle", "--store", tmp_path / "s.rig.sqlite", "--json")
+    tilt = "v_z_v is 0.25 V (constant), dm1_z_v has 1 V: dm1_z_v counts; correct runs.csv, or mark the run invalid "
+    # Who imports has runs.csv at hand, and learns it there.
+    assert [each.partition(": ")[2] for each in read["warnings"]] == [f"{tilt}if dm1_z_v is wrong"]
     found = run("result", tmp_path / "s.rig.sqlite", "--json")
     first, second, third = [each["remarks"] for each in found["runs"]]
     assert first == [
         "r01: pattern is b, the platform rests at other times: that of theta_deg and moving counts; "
         "correct runs.csv, it looks like c"
     ]
-    assert second == [
-        "r02: v_z_v is 0.25 V (constant), dm1_z_v has 1 V: dm1_z_v counts; correct runs.csv, or mark the run invalid "
-        "if dm1_z_v is wrong"
-    ]
+    assert second == [f"r02: {tilt}if dm1_z_v is wrong"]
     assert third == []
     assert found["warnings"] == []
 

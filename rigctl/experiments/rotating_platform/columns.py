@@ -23,7 +23,9 @@ from rigctl.campaign.layout import (
     slip_between,
     time_slip,
 )
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
+from rigctl.experiments.rotating_platform.observe.stated_tilt import tilt_contradiction
 
 # Times in minutes that are taken for seconds make sixty times as many periods as there were.
 TURNS_PER_PERIOD_MIN = 0.1
@@ -51,7 +53,7 @@ def _modulation_period(run: Mapping[str, Any]) -> float:
 
 
 def _units(run: Mapping[str, Any], columns: Columns, _: Mapping[str, float]) -> UnitFindings:
-    """The sampling rate, and how often the platform turns in a period of its pattern."""
+    """The sampling rate, how often the platform turns in a period of its pattern, and the tilt."""
     step_s = sample_step_s(columns["t_s"])
     rate_hz = float(run.get("sample_rate_hz", math.nan))
     if slip := slip_between(step_s, 1 / rate_hz if rate_hz else math.nan):
@@ -68,7 +70,16 @@ def _units(run: Mapping[str, Any], columns: Columns, _: Mapping[str, float]) -> 
             f"the platform turns {turns} times in {periods:.4g} periods of {period_s:g} s: t_s or modulation_period_s"
             " looks like another unit; write both in seconds"
         )
-    return UnitFindings()
+    tilt = tilt_contradiction(run, _by_seconds(columns["dm1_z_v"], step_s)) if "dm1_z_v" in columns else None
+    return UnitFindings(remarks=(tilt,) if tilt else ())
+
+
+def _by_seconds(samples: FloatArray, step_s: float) -> FloatArray:
+    """Means over a second each, which a source's noise does not move; those there are."""
+    count = max(round(1.0 / step_s), 1)
+    table = samples[: samples.size // count * count].reshape(-1, count)
+    means = table.mean(axis=1)
+    return np.asarray(means[np.isfinite(means)])
 
 
 COLUMNS = Layout(

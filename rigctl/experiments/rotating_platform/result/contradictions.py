@@ -11,10 +11,8 @@ import numpy as np
 from rigctl.core.errors import ConfigError
 from rigctl.experiments.rotating_platform.observe.cells import Cells
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, SampledPattern, named_pattern
+from rigctl.experiments.rotating_platform.observe.stated_tilt import tilt_contradiction
 
-# Of the level, or of an amplitude, which the means over cells round off.
-_LEVEL, _AMPLITUDE = 0.05, 0.5
-_LEAST_V = 0.02
 # Rotations of other durations move the ends of dwells by less.
 _OTHERWISE = 0.1
 
@@ -23,25 +21,8 @@ def contradictions(
     run_id: str, stated: Mapping[str, Any], cells: Cells, sampled: SampledPattern, command_v_per_m_s2: float
 ) -> list[str]:
     """Of the tilt at the input of axis Z and of the pattern, a line each."""
-    return [*_of_tilt(run_id, stated, cells, command_v_per_m_s2), *_of_pattern(run_id, stated, sampled)]
-
-
-def _of_tilt(run_id: str, stated: Mapping[str, Any], cells: Cells, command_v_per_m_s2: float) -> list[str]:
-    level_v = float(stated.get("v_z_v", np.nan))
-    volts = cells.state[:, 0] * command_v_per_m_s2
-    if not (np.isfinite(level_v) and np.isfinite(volts).all()):
-        return []
-    external = str(stated.get("external") or "constant")
-    if external == "constant":
-        found_v, share, word = float(volts[int(np.argmax(np.abs(volts - level_v)))]), _LEVEL, ""
-    else:
-        found_v, share, word = 0.5 * float(np.ptp(volts)), _AMPLITUDE, "an amplitude of "
-    if abs(found_v - level_v) <= max(share * abs(level_v), _LEAST_V):
-        return []
-    return [
-        f"{run_id}: v_z_v is {level_v:g} V ({external}), dm1_z_v has {word}{found_v:.3g} V: dm1_z_v counts; correct "
-        "runs.csv, or mark the run invalid if dm1_z_v is wrong"
-    ]
+    tilt = tilt_contradiction(stated, cells.state[:, 0] * command_v_per_m_s2)
+    return [*([f"{run_id}: {tilt}"] if tilt else []), *_of_pattern(run_id, stated, sampled)]
 
 
 def _of_pattern(run_id: str, stated: Mapping[str, Any], sampled: SampledPattern) -> list[str]:
