@@ -102,6 +102,20 @@ def test_a_result_says_that_its_model_does_not_describe_the_data(tmp_path: Path)
     assert said.index("does not describe these data") < said.index("Means of the runs")
 
 
+@pytest.mark.parametrize(("factor", "word"), [(-1.0, "sign"), (1e-3, "unit")])
+def test_a_result_says_that_a_chain_has_another_sign_or_unit(tmp_path: Path, factor: float, word: str) -> None:
+    def mistaken(_: int, samples: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {**samples, "dm1_z_v": factor * samples["dm1_z_v"]}
+
+    settings = PlatformSettings(kind="rotating-platform", seed=6)
+    write_bundle(sampled(settings, RUNS, mistaken), tmp_path / "bundle")
+    run("import", tmp_path / "bundle", "--store", tmp_path / "s.rig.sqlite")
+    # The model describes such data as well as any.
+    [warning] = run("result", tmp_path / "s.rig.sqlite", "--json")["warnings"]
+    assert warning.startswith("the gain of the commanded tilt is ")
+    assert f"dm1_z_v has another {word}; mend the recording" in warning
+
+
 def test_from_bundle_to_a_model_that_holds(store: Path) -> None:
     compared = run("compare", store, "--json")
     components = {each["component"] for each in compared["channels"]}

@@ -17,6 +17,7 @@ from rigctl.experiments.rotating_platform.observe.store_reduction import reducti
 from rigctl.experiments.rotating_platform.result.alignment import Fitted
 from rigctl.experiments.rotating_platform.result.bench_runs import flips, scans
 from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise, noise_records
+from rigctl.experiments.rotating_platform.result.contradictions import gain_contradictions
 from rigctl.experiments.rotating_platform.result.result import NOT_TESTED, RESULTS, PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.verdict.attempt import Attempt
@@ -78,7 +79,8 @@ def analyse(workbench: Workbench) -> PlatformResult:
     records, silent = noise_records(workbench.store)
     left_out = {**studied.left_out, **silent}
     fitted, noises = results_of(attempt), chain_noise(header, records)
-    warnings = of_misfit(attempt, version.version)
+    gain = fitted.quantity("tilt_gain")
+    warnings = [*of_misfit(attempt, version.version), *gain_contradictions(gain.value, gain.sigma)]
     return platform_result(studied.recorded, header, fitted, left_out, noises, records, warnings)
 
 

@@ -1,4 +1,4 @@
-"""Where runs.csv states otherwise than the samples show: the samples count, and it is said."""
+"""Where runs.csv and the constants state otherwise than the samples show: the samples count, and it is said."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from rigctl.experiments.rotating_platform.observe.cells import Cells
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, SampledPattern, named_pattern
 from rigctl.experiments.rotating_platform.observe.stated_tilt import tilt_contradiction
 
+# No scale factor is off by that much.
+_OTHER_GAIN, _CERTAIN_SIGMA = 0.5, 5.0
 # Rotations of other durations move the ends of dwells by less.
 _OTHERWISE = 0.1
 
@@ -23,6 +25,17 @@ def contradictions(
     """Of the tilt at the input of axis Z and of the pattern, a line each."""
     tilt = tilt_contradiction(stated, cells.state[:, 0] * command_v_per_m_s2)
     return [*([f"{run_id}: {tilt}"] if tilt else []), *_of_pattern(run_id, stated, sampled)]
+
+
+def gain_contradictions(tilt_gain: float, sigma: float) -> list[str]:
+    """Of the chains as they are believed to be, which make a gain of the commanded tilt of 1: a line, or none."""
+    if abs(tilt_gain - 1.0) <= _OTHER_GAIN + _CERTAIN_SIGMA * sigma:
+        return []
+    what = "sign" if tilt_gain < 0.0 else "unit"
+    return [
+        f"the gain of the commanded tilt is {tilt_gain:.3g}, and 1 where both chains are as believed: "
+        f"gain_q_a_v_per_m_s2, gain_dm1_z_v_per_m_s2, q_a_v or dm1_z_v has another {what}; mend the recording"
+    ]
 
 
 def _of_pattern(run_id: str, stated: Mapping[str, Any], sampled: SampledPattern) -> list[str]:
