@@ -26,6 +26,7 @@ from rigctl.workbench.verdict.noise_estimate import (
     with_estimated_noise,
     with_estimated_noise_again,
 )
+from rigctl.workbench.verdict.noise_pool import WHITE
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
 from rigctl.workbench.verdict.profiled import profiled
 from rigctl.workbench.verdict.questions import Questions
@@ -341,8 +342,9 @@ class Attempt(FittedModel):
     @cached_property
     def permuted(self) -> Permuted | None:
         """What is left in other orders, where it is exchangeable and has heavier tails than normal noise."""
-        frame = self.estimator.saturated
-        exchangeable = frame is not None and len(self.left) == len(self.result.residuals)
+        # Readings in an order are exchangeable as well, unless noise that is correlated along it is the likeliest.
+        white = all(each.kind == WHITE.kind for each in self.noise.correlations)
+        exchangeable = self.estimator.of_one_pool and white and len(self.left) == len(self.result.residuals)
         return Permuted(self.left, self.seed) if exchangeable and is_heavy_tailed(self.left) else None
 
     @cached_property

@@ -71,14 +71,12 @@ class NoiseEstimator:
     @property
     def saturated(self) -> FloatArray | None:
         """Basis of all that was projected out, (n, p), where one pool of independent noise holds all data."""
-        if (
-            len(self._pools) != 1
-            or self.correlated
-            or self._given.offsets
-            or len(self._pools[0].where) < len(self._dof)
-        ):
-            return None
-        return self._pools[0].basis
+        return self._pools[0].basis if self.of_one_pool and not self.correlated else None
+
+    @property
+    def of_one_pool(self) -> bool:
+        """True when one pool holds all data, which share no offset: whitened, none of them is unlike the others."""
+        return len(self._pools) == 1 and not self._given.offsets and len(self._pools[0].where) == len(self._dof)
 
     @property
     def whole_pool(self) -> Pool | None:

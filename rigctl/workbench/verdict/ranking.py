@@ -17,7 +17,7 @@ from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.held_out import error_ratio
 from rigctl.workbench.verdict.rivals import Rival
 from rigctl.workbench.verdict.search import Search
-from rigctl.workbench.verdict.significance import CATALOGUE_SHARE, corrected_for
+from rigctl.workbench.verdict.significance import CATALOGUE_SHARE, corrected_for, p_of_scored
 
 POWER = 0.95
 
@@ -36,11 +36,12 @@ def ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
         else:
             ranks.append(_rank_of_suggested(search, final, term, rivals))
     ranks.sort(key=lambda rank: rank.p_value)
-    others = sorted(final.scored, key=lambda each: (each.score.p_value, -each.score.statistic))
     there = {term.effect for term in final.terms}
-    others = [each for each in others if each.candidate.term.effect not in there]
-    for place, scored in enumerate(others):
-        ranks.append(_rank_of_other(search, final, scored, held_out=place < HELD_OUT))
+    # As the search judged them: one that it left out because chance shows as much is not listed as significant.
+    others = [(p_of_scored(final, each), each) for each in final.scored if each.candidate.term.effect not in there]
+    others.sort(key=lambda each: (each[0], -each[1].score.statistic))
+    for place, (p_value, scored) in enumerate(others):
+        ranks.append(_rank_of_other(search, final, scored, p_value, held_out=place < HELD_OUT))
     return tuple(ranks)
 
 
@@ -69,15 +70,15 @@ def _rank_of_suggested(search: Search, final: Attempt, term: Term, rivals: Seque
     )
 
 
-def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: bool) -> Rank:
+def _rank_of_other(search: Search, final: Attempt, scored: Scored, p_value: float, *, held_out: bool) -> Rank:
     score, touched = scored.score, _touched(final, scored)
     ratio = float("nan")
     if held_out and score.dimension and final.held_out.possible:
         ratio = error_ratio(final.held_out.error(score.basis, touched), final.held_out.error(series=touched))
     return Rank(
         term=scored.candidate.term,
-        p_value=score.p_value,
-        p_value_corrected=corrected_for(final, score.p_value, scored.candidate.term.effect),
+        p_value=p_value,
+        p_value_corrected=corrected_for(final, p_value, scored.candidate.term.effect),
         parameters={
             name: Estimate(float(value), float(sigma), unit)
             for name, value, sigma, unit in zip(
