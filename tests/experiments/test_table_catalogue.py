@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -242,6 +243,46 @@ def test_a_narrow_peak_is_fitted_from_its_start(start: tuple[float, float, float
     certified = [1.5543827178, 4.0888321754, 451.54121844]
     assert [each.start for each in table.model([]).parameters] == pytest.approx(certified, rel=1e-7)
     assert named(diagnose(table, ())) == []
+
+
+MGH10 = (
+    *(34780.0, 28610.0, 23650.0, 19630.0, 16370.0, 13720.0, 11540.0, 9744.0, 8261.0, 7030.0, 6005.0, 5147.0, 4427.0),
+    *(3820.0, 3307.0, 2872.0),
+)
+MGH17 = (
+    *(0.844, 0.908, 0.932, 0.936, 0.925, 0.908, 0.881, 0.850, 0.818, 0.784, 0.751, 0.718, 0.685, 0.658, 0.628, 0.603),
+    *(0.580, 0.558, 0.538, 0.522, 0.506, 0.490, 0.478, 0.467, 0.457, 0.448, 0.438, 0.431, 0.424, 0.420, 0.414, 0.411),
+    *(0.406,),
+)
+
+
+@pytest.mark.parametrize(
+    ("y", "x", "baseline", "start", "certified"),
+    [
+        (
+            MGH10,
+            50.0 + 5.0 * np.arange(16.0),
+            "b1 * exp(b2 / (x + b3))",
+            (2.0, 4e5, 25e3),
+            (5.6096364710e-3, 6.1813463463e3, 3.4522363462e2),
+        ),
+        (
+            MGH17,
+            10.0 * np.arange(33.0),
+            "b1 + b2 * exp(-b4 * x) + b3 * exp(-b5 * x)",
+            (50.0, 150.0, 1.0, -100.0, 2.0),
+            (3.7541005211e-1, 1.9358469127, 1.2867534640e-2, -1.4646871366, 2.2122699662e-2),
+        ),
+    ],
+    ids=["mgh10", "mgh17"],
+)
+def test_a_start_far_off_in_a_narrow_valley_leads_to_its_end(
+    y: Any, x: Any, baseline: str, start: tuple[float, ...], certified: tuple[float, ...]
+) -> None:
+    """NIST's MGH10 and MGH17 from their first certified starts: one ended far off unsaid, one was refused."""
+    names = sorted(dict.fromkeys(re.findall(r"b\d", baseline)), key=baseline.index)
+    table = study({"y": y, "x": x}, baseline, start=dict(zip(names, start, strict=True)))
+    assert [each.start for each in table.model([]).parameters] == pytest.approx(certified, rel=1e-7)
 
 
 def test_time_stamps_are_seconds_from_the_earliest() -> None:

@@ -96,6 +96,11 @@ def baseline_start(readings: Readings) -> FloatArray:
     if not starts:
         refuse_undefined(expression, readings.numbers, asked, readings.labels)
     fits = [fit for start in starts if (fit := _fitted(readings, start))]
+    # Where all valleys are too narrow: first their floors alone, then from elsewhere.
+    if not _converged(fits):
+        fits += _separated(readings, {name: given[name] for name in nonlinear})
+    if not _converged(fits):
+        fits += _from_drawn(readings, nonlinear)
     if fits:
         return min(fits, key=lambda fit: fit.chi2).values
     return min(starts, key=lambda start: _chi2(readings, start))
@@ -192,16 +197,40 @@ def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
     return descend(lambda values: _residuals(readings, values), jacobian, parameters)
 
 
+def _converged(fits: Sequence[FitResult]) -> list[FitResult]:
+    return [fit for fit in fits if fit.verdict == "converged"]
+
+
+def _separated(readings: Readings, start: Mapping[str, float]) -> list[FitResult]:
+    """The fit of all parameters from where one of the nonlinear ones ends, for each of whose values the linear ones
+    are solved for; none when that goes nowhere.
+
+    Golub and Pereyra, SIAM J. Numerical Analysis 10 (1973) 413; Jacobian by Kaufman, BIT 15 (1975) 49.
+    """
+    names = readings.expression.parameters
+    linear = [place for place, name in enumerate(names) if name not in start]
+    curved = [names.index(name) for name in start]
+
+    def whole(values: FloatArray) -> FloatArray:
+        return _linear_part(readings, dict(zip(start, map(float, values), strict=True)))
+
+    def jacobian(values: FloatArray) -> FloatArray:
+        slopes = readings.baseline(whole(values))[1] / readings.sigma[:, None]
+        held = span_of(slopes[:, linear])
+        return np.asarray(slopes[:, curved] - held @ (held.T @ slopes[:, curved]))
+
+    parameters = [Parameter(name, value) for name, value in start.items()]
+    try:
+        floor = descend(lambda values: _residuals(readings, whole(values)), jacobian, parameters)
+    except (ValueError, np.linalg.LinAlgError):  # undefined, or beyond all numbers, on the way
+        return []
+    fit = None if floor is None else _fitted(readings, whole(floor.values))
+    return [] if fit is None else [fit]
+
+
 def _searched(readings: Readings, missing: list[str]) -> FloatArray:
     """Start values drawn over many orders of magnitude, the best of them fitted."""
-    nonlinear = [name for name in readings.expression.parameters if name not in readings.expression.linear_in()]
-    drawn = []
-    # The same seed always: the same table has the same start.
-    for values in _draws(readings, missing, np.random.default_rng(0)):
-        start = _linear_part(readings, {name: values[name] for name in nonlinear})
-        drawn.append((_chi2(readings, start), start))
-    drawn = sorted((each for each in drawn if np.isfinite(each[0])), key=lambda each: each[0])
-    fits = [fit for _, start in drawn[:_TRIED] if (fit := _fitted(readings, start)) and fit.verdict == "converged"]
+    fits = _from_drawn(readings, missing)
     if not fits:
         raise TableFlaw(
             f"[table] start: the baseline is not linear in {', '.join(missing)}, and no start values could be found"
@@ -209,6 +238,18 @@ def _searched(readings: Readings, missing: list[str]) -> FloatArray:
             ("table", "start"),
         )
     return min(fits, key=lambda fit: fit.chi2).values
+
+
+def _from_drawn(readings: Readings, missing: Sequence[str]) -> list[FitResult]:
+    """Fits that converge from the best of drawn values of the `missing` parameters."""
+    nonlinear = [name for name in readings.expression.parameters if name not in readings.expression.linear_in()]
+    drawn = []
+    # The same seed always: the same table has the same start.
+    for values in _draws(readings, missing, np.random.default_rng(0)):
+        start = _linear_part(readings, {name: values[name] for name in nonlinear})
+        drawn.append((_chi2(readings, start), start))
+    drawn = sorted((each for each in drawn if np.isfinite(each[0])), key=lambda each: each[0])
+    return _converged([fit for _, start in drawn[:_TRIED] if (fit := _fitted(readings, start))])
 
 
 def _draws(readings: Readings, missing: Sequence[str], rng: np.random.Generator) -> Iterator[dict[str, float]]:
