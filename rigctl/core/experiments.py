@@ -25,7 +25,8 @@ class Experiment:
 
     `tables` are the pydantic models of a campaign file's `[procedure]` and `[targets]`. `columns` is the
     `rigctl.campaign.layout.Layout` of its runs; without one a recording is a table of readings. Of a table `question`
-    is the function `(source) -> None` that refuses a recording whose question cannot be answered. Effects, and
+    is the function `(source) -> Sequence[str]` that refuses a recording whose question cannot be answered, and gives
+    a line for whatever else there is to say of one that is imported. Effects, and
     procedures beside those of `campaign`, are declared by themselves: `rigctl.core.additions`.
 
     Effects act at `points` of its chain, in the order in which a signal passes, and have one value per each of

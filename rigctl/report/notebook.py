@@ -93,7 +93,7 @@ class ShownDiagnosis(Diagnosis):
 
     def _repr_html_(self) -> str:
         found = self.as_json()
-        parts: list[_Part] = [verdict_sentence(found), noise_sentence(found)]
+        parts: list[_Part] = [verdict_sentence(found), excluded_sentence(found), noise_sentence(found)]
         return _page([*parts, ranking_table(found, _RANKS), self.plot()] if self.ranking else parts)
 
 

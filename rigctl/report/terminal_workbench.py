@@ -80,7 +80,8 @@ def _trends(trends: Sequence[Findings]) -> ResultTable:
 
 def print_diagnosis(diagnosis: Findings, store: str) -> None:
     """The verdict first, what to do next, then what it rests on."""
-    shown = [_text(verdict_sentence(diagnosis), f"Next: {advice(diagnosis, store)}", noise_sentence(diagnosis))]
+    said_first = (verdict_sentence(diagnosis), f"Next: {advice(diagnosis, store)}", excluded_sentence(diagnosis))
+    shown = [_text(*filter(None, said_first), noise_sentence(diagnosis))]
     shown += [_text(*said)] if (said := scatter_sentences(diagnosis)) else []
     shown += [_text(*said)] if (said := slow_noise_sentences(diagnosis)) else []
     shown += [ranking_table(diagnosis, RANKS)] if diagnosis["ranking"] else []

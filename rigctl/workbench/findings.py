@@ -269,6 +269,8 @@ class Diagnosis:
     next_measurement: Mapping[str, Any] | None = None
     impossible: Mapping[str, str] = field(default_factory=dict)
     """Effects that explain the data by values that nature never has, and which."""
+    excluded: Mapping[str, str] = field(default_factory=dict)
+    """Readings that were marked invalid where they were recorded, and why."""
 
     def as_json(self) -> dict[str, Any]:
         """Keys of `rigctl diagnose --json`."""
@@ -294,6 +296,7 @@ class Diagnosis:
             "scatter": [each.as_json() for each in self.scatter],
             "stated_sigma": None if self.stated_sigma is None else self.stated_sigma.as_json(),
             "next_measurement": dict(self.next_measurement or {}),
+            **_said_of_excluded(self.excluded),
         }
 
 

@@ -17,8 +17,9 @@ from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.table.model.model import TableModel, fitted
-from rigctl.experiments.table.study import TableStudy
+from rigctl.experiments.table.study import TableStudy, require_fit
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit
 
 X = np.linspace(0.0, 10.0, 40)
@@ -81,6 +82,17 @@ def test_readings_that_are_marked_invalid_are_in_nothing() -> None:
     without = _study(y[valid != 0.0], x=X[valid != 0.0])
     assert found.parameters["b1"].value == pytest.approx(fit(without, []).parameters["b1"].value, rel=1e-9)
     assert "excluded" not in fit(without, []).as_json()
+    assert diagnose(study, ()).as_json()["excluded"] == dict(given.excluded)
+
+
+def test_rows_that_a_fit_leaves_out_are_named() -> None:
+    y, x, note = 1.0 + 2.0 * X + 0.01 * NOISE, X.copy(), np.where(X[3] < X, X, np.nan)
+    assert not require_fit(_recording({"y": y, "x": x, "note": note}))
+    y[[4, 9]], x[9], x[20] = np.nan, np.nan, np.nan
+    assert require_fit(_recording({"y": y, "x": x, "note": note})) == (
+        "readings.csv: 3 rows are left out, which lack what the fit needs: row 5 has no y, row 10 has no y, x, row 21"
+        " has no x",
+    )
 
 
 @pytest.mark.parametrize(
@@ -405,6 +417,13 @@ def test_a_plugin_that_does_nothing_here_or_fails_here_says_so() -> None:
         ("b0 + log(-x)*b1", {}, "log of zero in row 1"),
         ("b0 + log(k*x - 5)", {"start": {"k": 1.0}}, "log of a negative number in row 1, row 2, row 3 and"),
         ("b0 + b1*x", {"block": "same"}, "column same holds one value only"),
+        ("b0 + b1*x", {"sigma": "y"}, "[table] response: column y is named by its sigma too, and cannot be both"),
+        ("b0 + b1*x", {"order": "y"}, "[table] response: column y is named by its order too"),
+        ("b0 + b1*x", {"block": "y"}, "[table] response: column y is named by its block too"),
+        ("b0 + b1*x", {"batch": ["y"]}, "[table] response: column y is named by its batch too"),
+        ("b0 + b1*x", {"sigma": "same", "order": "same"}, "[table] sigma: column same is named by its order too"),
+        ("b0 + b1*same*x", {"sigma": "same"}, "[table] sigma: column same is named by its baseline too"),
+        ("b0 + b1*x", {"batch": ["x"]}, "[table] batch: column x is named by its baseline too"),
         (" + ".join(f"b{i}*x**{i}" for i in range(41)), {}, "40 usable readings for 41 parameters"),
     ],
 )

@@ -79,11 +79,11 @@ def _fill(path: Path, reader: BundleReader, header: Header) -> None:
 
 
 def _require_answerable(reader: BundleReader, readings: Recording) -> None:
-    """`DataError` for a table that no command could use: a store could not be mended."""
+    """`DataError` for a table that no command could use: a store could not be mended. What it leaves out is told."""
     declared = experiment_named(readings.header.experiment)
     if declared.question:
         try:
-            declared.load(declared.question)(readings)
+            reader.warn(declared.load(declared.question)(readings))
         except DataError as error:
             raise reader.located(error) from error
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -80,6 +80,10 @@ class BundleReader:
             if not record.valid:
                 self._invalid.append((record.run_id, record.reason))
             yield record, samples
+
+    def warn(self, remarks: Sequence[str]) -> None:
+        """Lines that the report is to have as well."""
+        self._warnings += remarks
 
     def located(self, error: DataError) -> DataError:
         """What was found when the readings were tried, with the file of this bundle and the line."""
@@ -184,6 +188,7 @@ class BundleReader:
         excluded = excluded_rows(samples, texts)
         self._invalid += [(row_label(row), reason) for row, reason in excluded.items()]
         self._warn_of_pasted_rows(samples, texts, list(excluded))
+        self._warn_of_absent(table.header, "is no column of readings.csv")
         yield RunRecord(READINGS, READINGS, STEP, texts), samples
 
     def _warn_of_pasted_rows(
@@ -264,11 +269,15 @@ class BundleReader:
             suffix = next((s for s in SUFFIXES if name.endswith(s)), None)
             if name.startswith("runs/") and suffix and name[5 : -len(suffix)] not in known:
                 self._warnings.append(str(self._files.place(name).error("not in runs.csv, left out")))
+        self._warn_of_absent(columns, "is a column of no run file")
+
+    def _warn_of_absent(self, columns: Collection[str], said: str) -> None:
+        """What recording.toml describes and no file has: a unit that nobody finds under its name."""
         place = self._files.place(HEADER_FILE)
         for kind, names in (("channels", self.header.channels), ("lasers", self.header.lasers)):
             for name in names:
                 if name not in columns:
-                    self._warnings.append(str(place.error(f"[{kind}.{name}] is a column of no run file")))
+                    self._warnings.append(str(place.error(f"[{kind}.{name}] {said}")))
 
 
 def _run_rows(table: CsvTable, layout: Layout, warnings: list[str]) -> list[tuple[str, dict[str, Any]]]:

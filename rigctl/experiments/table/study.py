@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,8 @@ from rigctl.workbench.verdict.fitted_model import fit_with_given_noise
 
 # Places along a grid from which a fit is tried where the one from the best place does not converge.
 _RESTARTS = 8
+# Incomplete rows that are named.
+_NAMED = 3
 
 
 class TableStudy(StudyBase[TableData]):
@@ -223,13 +225,24 @@ class TableStudy(StudyBase[TableData]):
             raise TableFlaw(f"{rows} usable readings for {parameters} parameters; add readings, or leave terms out")
 
 
-def require_fit(source: RunSource) -> None:
-    """`DataError` where the baseline of a table cannot be fitted to its readings, as every command would find."""
-    model = TableStudy(source).model(())
+def require_fit(source: RunSource) -> tuple[str, ...]:
+    """What there is to say of the readings that a table's fit leaves out, a line or none.
+
+    `DataError` where the baseline cannot be fitted to its readings, as every command would find.
+    """
+    study = TableStudy(source)
+    model = study.model(())
     try:
         fit_with_given_noise(model, {})
     except ProcedureError as error:
         raise TableFlaw(f"[table] baseline: {error}", ("table", "baseline")) from None
+    incomplete = study.data.readings.incomplete
+    if not incomplete:
+        return ()
+    named = [f"{row} has no {columns}" for row, columns in islice(incomplete.items(), _NAMED)]
+    more = [f"and {len(incomplete) - _NAMED} more"] if len(incomplete) > _NAMED else []
+    what = "row is left out, which lacks" if len(incomplete) == 1 else "rows are left out, which lack"
+    return (f"readings.csv: {len(incomplete)} {what} what the fit needs: {', '.join([*named, *more])}",)
 
 
 def _is_linear(piece: Piece | GroupPiece) -> bool:

@@ -82,6 +82,7 @@ def diagnose(
         or_correlated_noise=or_noise,
         scatter=uneven_scatter(account.richest, LEVEL),
         stated_sigma=stated_sigma(account.richest),
+        excluded=first.model.observations.excluded,
     )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -141,6 +142,8 @@ class Readings:
     block_of: IntArray
     excluded: Mapping[str, str] = field(default_factory=dict)
     """Rows that are marked invalid, and why: they are not among the readings."""
+    incomplete: Mapping[str, str] = field(default_factory=dict)
+    """Rows that lack something of what the fit needs, and what: nor are these."""
 
     @property
     def numbers(self) -> dict[str, FloatArray]:
@@ -204,7 +207,10 @@ def read(source: RunSource) -> Readings:
     samples.pop(VALID, None)
     _require_uncertainties(samples, spec, list(excluded))
     expression = _expression(spec, set(samples), set(texts))
-    needed = [spec.response, *expression.columns, *(name for name in (spec.order, spec.sigma) if name)]
+    _require_one_role(spec, expression.columns)
+    others = (name for name in (spec.order, spec.sigma) if name)
+    needed = list(dict.fromkeys((spec.response, *expression.columns, *others)))
+    incomplete = _incomplete(samples, needed, excluded)
     places = {name: place for place, name in enumerate(samples)}
     samples, texts = in_order(samples, texts, spec.response, expression.columns, list(excluded))
     # Only what the baseline needs must be there: an effect that needs more says so when it is asked about.
@@ -244,7 +250,21 @@ def read(source: RunSource) -> Readings:
         np.full(rows.size, _weight(header, response)) if stated is None else stated,
         _blocks(spec, columns, categories, rows.size),
         {row_label(row): reason for row, reason in excluded.items()},
+        incomplete,
     )
+
+
+def _incomplete(
+    samples: Mapping[str, FloatArray], needed: Sequence[str], excluded: Collection[int]
+) -> dict[str, str]:
+    """By row, what it lacks of the columns that are needed."""
+    missing = ~np.isfinite([samples[name] for name in needed])
+    rows = np.flatnonzero(missing.any(axis=0)).tolist()
+    return {
+        row_label(row): ", ".join(name for name, lacks in zip(needed, missing[:, row], strict=True) if lacks)
+        for row in rows
+        if row not in excluded
+    }
 
 
 def _digits(values: FloatArray) -> TextArray:
@@ -295,6 +315,33 @@ def _require_only_marks(
     tree = parse(spec.baseline)
     if VALID in names(tree):
         raise flaw(next(leaf.at for leaf in leaves(tree) if leaf.name == VALID), f"{said}; {mend}")
+
+
+def _require_one_role(spec: TableSpec, baseline: Sequence[str]) -> None:
+    """`DataError` where a column is a quantity and something else at once.
+
+    The response is explained, an uncertainty weighs, and a number that names a batch is a word: none of them is a
+    condition as well.
+    """
+    roles: dict[str, Sequence[str | None]] = {
+        "response": [spec.response],
+        "sigma": [spec.sigma],
+        "batch": spec.batch,
+        "baseline": baseline,
+        "order": [spec.order],
+        "block": [spec.block],
+    }
+    for key, other in itertools.product(("response", "sigma", "batch"), roles):
+        # Readings that share an offset may well be held out together.
+        if key == other or (key, other) == ("batch", "block"):
+            continue
+        for name in roles[key]:
+            if name is not None and name in roles[other]:
+                raise TableFlaw(
+                    f"[table] {key}: column {name} is named by its {other} too, and cannot be both; name another"
+                    " column, or a copy of it",
+                    ("table", key),
+                )
 
 
 def _require_uncertainties(samples: dict[str, FloatArray], spec: TableSpec, excluded: Sequence[int]) -> None:
