@@ -95,6 +95,14 @@ def test_rows_that_a_fit_leaves_out_are_named() -> None:
     )
 
 
+def test_no_reading_is_proposed_where_an_inverse_or_a_logarithm_ends() -> None:
+    places = np.tile([10.0, 35.0, 60.0, 110.0], 10)
+    for column, lowest in ((places, 10.0), (places - 10.0, 0.0), (places - 25.0, -35.0)):
+        offered = [each.settings["x"] for each in _study(1.0 + column + 0.01 * NOISE, x=column).options()]
+        assert min(offered) == lowest
+        assert (0.0 in offered) == (0.0 in column)
+
+
 @pytest.mark.parametrize(
     ("baseline", "spec", "marks", "where"),
     [

@@ -66,13 +66,13 @@ def _is_set(readings: Readings, column: Column) -> bool:
 def _grid(column: Column, points: int) -> list[float]:
     low, high = float(column.distinct[0]), float(column.distinct[-1])
     beyond = BEYOND * (high - low)
-    # Where nothing was ever negative, nothing may be.
-    lowest = max(low - beyond, 0.0) if low >= 0.0 else low - beyond
+    # Where nothing was ever negative, or zero, nothing may be: of a length or a temperature in kelvin the inverse and
+    # the logarithm are asked about.
+    lowest = low if low >= 0.0 and low <= beyond else low - beyond
     # Four digits of the range: values that somebody can set.
     step = 10.0 ** (np.floor(np.log10(high - low)) - _DIGITS + 1)
-    return sorted(
-        {float(f"{round(value / step) * step:.12g}") for value in np.linspace(lowest, high + beyond, points)}
-    )
+    places = {float(f"{round(value / step) * step:.12g}") for value in np.linspace(lowest, high + beyond, points)}
+    return sorted(places if np.any(column.distinct == 0.0) else places - {0.0})
 
 
 def _one_at_a_time(free: Sequence[Column]) -> list[tuple[float, ...]]:
