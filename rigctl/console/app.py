@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -12,7 +13,7 @@ from textual.binding import Binding, BindingType
 
 from rigctl.console import messages as say
 from rigctl.console import state
-from rigctl.console.place import kind_of
+from rigctl.console.place import kind_of, require_store
 from rigctl.console.shell import Shell, while_running
 from rigctl.console.titles import openable, title_of, with_opened
 from rigctl.console.widgets.bars import SCREENS
@@ -61,6 +62,7 @@ class Console(Shell):
         self._leave_terminal = leave_terminal
         self._place = place
         self._stop_owed = False
+        self._opening: Path | None = None
         self._signals = ExitStack()
         self.interrupted = ""
         self.unsafe: list[Rest] = []
@@ -149,12 +151,13 @@ class Console(Shell):
 
     def _open(self, path: Path) -> str:
         """Open a file; returns the screen on which it is seen."""
+        if path.suffix not in {".py", ".toml"}:
+            self._opening = path
+            self._beside("open-store", self._watch_if_readable(path))
+            return self.kept.screen
         self.kept.recent = with_opened(self.kept.recent, path, title_of(path))
         if path.suffix == ".py":
             self._analyses.load(path, self._view.path if self._view else None)
-            return self.kept.screen
-        if path.suffix != ".toml":
-            self._watch(path)
             return self.kept.screen
         try:
             kind, text = kind_of(path)
@@ -162,7 +165,6 @@ class Console(Shell):
             self._note(str(error), "error")
             return self.kept.screen
         if kind == "rig":
-            self.kept.rig = str(path.absolute())
             self._panes.rig.show_opening(str(path))
             self._holding.take(path)
             return "rig"
@@ -174,10 +176,24 @@ class Console(Shell):
         await self._panes.campaign.show_file(path, text)
         self._tell_standing()
 
+    async def _watch_if_readable(self, store: Path) -> None:
+        """Watch another store; one that cannot be read leaves what is watched as it is, and in reach of STOP."""
+        try:
+            await asyncio.to_thread(require_store, store)
+        except (RigError, OSError) as error:
+            self._note(str(error), "error")
+            if self._opening == store:
+                self._opening, self._stop_owed = None, False
+        else:
+            if self._opening == store:
+                self._watch(store)
+
     def _watch(self, store: Path) -> None:
         self.kept.store = str(store.absolute())
         self._view = self._shown_view = None
-        self._stop_owed = False
+        # One that was asked for while this store was looked into is of its campaign.
+        self._stop_owed = self._stop_owed and self._opening == store
+        self._opening = None
         self.call_later(self._panes.results.clear)
         self._feed.watch(store)
 
@@ -221,6 +237,8 @@ class Console(Shell):
     @while_running
     def on_bench_taken(self) -> None:
         """It is open, or was refused."""
+        if self._holding.rig is not None:
+            self.kept.rig = str(self._holding.rig.absolute())
         self._panes.rig.show_opening("")
 
     @while_running
@@ -258,7 +276,7 @@ class Console(Shell):
             if view.alive or view.killed:
                 self._holding.stop_from_outside(view)
         self._act("STOP")
-        if view is None and self._feed.watches:
+        if self._opening is not None or (view is None and self._feed.watches):
             # It may be of a campaign that runs; whoever asks for a STOP does not wait to see that.
             self._stop_owed = True
             self._note("STOP: of the campaign as soon as its store has been read", "warning")
@@ -305,6 +323,10 @@ class Console(Shell):
         """Give it free."""
         self._act("release the rig")
         self._holding.give()
+
+    async def action_quit(self) -> None:
+        """Ctrl+Q, which every application of this kind has, asks as `q` does."""
+        self.action_leave()
 
     def action_leave(self) -> None:
         """Quit; a campaign goes on."""

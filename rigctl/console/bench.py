@@ -17,7 +17,7 @@ from rigctl.console.messages import Stopped
 from rigctl.console.readings import InstrumentView, Strip
 from rigctl.console.station import Station
 from rigctl.core.making_safe import Rest, bring_to_rest, let_go
-from rigctl.files.rig_file import parse_rig, read_rig
+from rigctl.files.rig_file import RigFile, parse_rig
 from rigctl.rig import Rig
 
 SETTLE_S = 0.2
@@ -82,12 +82,11 @@ class LiveBench:
         return rests
 
 
-def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
+def open_bench(file: RigFile, post: Callable[[Message], object]) -> LiveBench:
     """Hold a rig and connect to all of it; `ConfigError`, or `RigError` when a campaign holds it.
 
     Moves nothing, and stops what moves.
     """
-    file = read_rig(path)
     held = ExitStack()
     # Held before anything is made of it: two consoles cannot both get this far.
     held.enter_context(rig_of_ones_own(file))

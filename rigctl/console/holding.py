@@ -30,9 +30,9 @@ class Holding:
 
     def take(self, rig: Path | None = None) -> None:
         """Hold a rig, or again the one that was given free; `BenchTaken` is posted when it is there or refused."""
-        self.rig = rig or self.rig
-        if self.rig is not None:
-            self._begin(self._take, self.rig)
+        wanted = rig or self.rig
+        if wanted is not None:
+            self._begin(self._take, wanted)
 
     def give(self, then: Callable[[], None] = lambda: None) -> None:
         """Give the instruments free for others, then go on with `then`."""
@@ -76,12 +76,16 @@ class Holding:
 
     def _take(self, rig: Path) -> None:
         from rigctl.console.bench import open_bench
+        from rigctl.files.rig_file import read_rig
 
         try:
+            # First: a file that cannot be used leaves the rig that is held as it is.
+            file = read_rig(rig)
             with self._one_at_a_time:
                 # The rig held so far may share instruments with the one to come.
                 self._let_go()
-                self.bench = open_bench(rig, self._post)
+                self.rig = rig
+                self.bench = open_bench(file, self._post)
         finally:
             self._post(BenchTaken())
 

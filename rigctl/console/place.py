@@ -13,3 +13,10 @@ def kind_of(path: Path) -> tuple[str, str]:
     tables = parsed_file(text, path)
     # A campaign file needs one of these keys, and no rig file has them.
     return ("campaign" if "experiment" in tables or "procedure" in tables else "rig"), text
+
+
+def require_store(path: Path) -> None:
+    """`DataError` when a file is no campaign store that can be read."""
+    from rigctl.campaign.store.store import Store  # a console that is started without a place starts faster
+
+    Store.open(path, readonly=True).close()

@@ -249,6 +249,9 @@ class Shell(OrderedKeys):
             self._panes.rig.show_bench(bench.views(), bench.strips())
         self._tell_standing()
         if view is None:
+            if current == "rig" and bench is None:
+                # Values of a rig that is no longer held are those of a moment ago, whatever their age said then.
+                self._panes.rig.show_bench((), {})
             return
         # Of a campaign that runs on every screen: a run that is far from the model is an alarm.
         if current == "campaign" or held:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigctl.console.app import Console
-from rigctl.console.place import kind_of
+from rigctl.console.place import kind_of, require_store
 from rigctl.core.errors import Aborted, ConfigError
 from rigctl.core.making_safe import require_rest
 
@@ -80,12 +80,11 @@ def _leave_terminal() -> None:
 
 def check(place: Path) -> None:
     """Raise what the commands raise for a rig file, campaign file or store that cannot be used."""
-    from rigctl.campaign.store.store import Store  # a console that is started without a place starts faster
     from rigctl.files.campaign_file import parse_campaign
     from rigctl.files.rig_file import parse_rig
 
     if place.suffix != ".toml":
-        Store.open(place, readonly=True).close()
+        require_store(place)
         return
     kind, text = kind_of(place)
     if kind == "rig":

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -224,6 +225,83 @@ def test_what_is_opened_is_shown(desk: Any, at_console: Any) -> None:
         await seat.sees("s starts, d tries")
 
     at_console(sitting)
+
+
+def test_a_file_that_cannot_be_opened_leaves_the_campaign_that_is_watched_in_reach_of_stop(
+    measured: Path, tmp_path: Path, at_console: Any
+) -> None:
+    text = tmp_path / "shopping-list"
+    text.write_text("bread")
+
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        await seat.opens(text)
+        await seat.sees("not a campaign store")
+        assert "DONE 18/18" in seat.text.splitlines()[0]
+        assert seat.app.kept.store == str(measured)
+        view, signals = seat.app._view, []
+        seat.app._view = replace(view, status={**view.status, "state": "interrupted", "killed": True})
+        seat.app._campaigns.signal = lambda store, number: signals.append(store) is None
+        seat.app._holding.stop_from_outside = lambda view: None
+        await seat.press("f8")
+        assert signals == [measured]
+
+    at_console(sitting, measured)
+
+
+def test_a_stop_while_another_store_is_looked_into_is_of_that_one_too(
+    measured: Path, tmp_path: Path, at_console: Any
+) -> None:
+    another = tmp_path / "another.rig.sqlite"
+    shutil.copy(measured, another)
+
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        stopped = []
+        seat.app.action_stop = lambda stop=seat.app.action_stop: stopped.append(seat.app._view.path) or stop()
+        seat.app._open(another)
+        # In the same step of the event loop: a key takes time, in which the store may have been read.
+        seat.app.action_stop()
+        await seat.until(lambda: len(stopped) == 2)
+        assert stopped == [measured, another]
+
+    at_console(sitting, measured)
+
+
+def test_a_rig_file_that_cannot_be_used_leaves_the_rig_that_is_held(desk: Any, at_console: Any) -> None:
+    (desk.directory / "wrong.toml").write_text("[rig]\nname = 1\n[instruments]\n")
+
+    async def sitting(seat: Any) -> None:
+        await seat.sees("● ready")
+        await seat.opens(desk.directory / "wrong.toml")
+        await seat.sees("✗ ")
+        assert "nothing is open" not in seat.text
+        assert seat.app._holding.bench is not None
+
+    at_console(sitting, desk.directory / "rig.toml")
+
+
+def test_a_rig_that_is_given_free_shows_no_values_any_more(desk: Any, at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.sees("● ready")
+        seat.app.action_release()
+        await seat.sees("No rig is open")
+        assert "ready" not in seat.text
+
+    at_console(sitting, desk.directory / "rig.toml")
+
+
+def test_every_key_that_quits_asks_first(desk: Any, at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._panes.campaign.file)
+        await seat.press("2", "e", "x")
+        await seat.until(lambda: seat.app._panes.campaign.unsaved)
+        await seat.press("ctrl+q")
+        await seat.sees("Quit the console?")
+        await seat.press("n")
+        assert seat.app.is_running
+
+    at_console(sitting, desk.campaign())
 
 
 def test_a_rig_that_is_given_free_leaves_its_screen_to_the_store(desk: Any, at_console: Any, measured: Path) -> None:
