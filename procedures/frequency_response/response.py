@@ -160,7 +160,7 @@ class Response(campaigns.Work):
 
     def run(self, session: Session) -> None:
         """Carry it out; everything it finds is in the session's store."""
-        session.plan(self.plan.runs)
+        session.plan(self.plan.runs, mountings=len({point.seat for point in self.plan.points} - {self.plan.left}))
         with session.step("prepare"):
             session.guarded("prepare", self._apparatus, self._prepare)
             session.when_taken_up(self._restore)
@@ -194,12 +194,14 @@ class Response(campaigns.Work):
 
     def _mount(self, session: Session, seat: tuple[str, str, int]) -> None:
         seated = "{} {} {} mounted".format(*seat)
-        if not session.done(seated):
+        replayed = session.done(seated)
+        if not replayed:
             session.checkpoint()
             session.take_up()
             session.operator.remount(*seat)
             self._in_place = seat
         session.once(seated, lambda: seat)
+        session.mounted(replayed=replayed)
 
     def _measure(self, session: Session, seat: tuple[str, str, int], point: Point) -> None:
         if not session.recorded(point.key) and self._in_place != seat:

@@ -69,7 +69,8 @@ class Fixture:
         A mounting made before a restart is confirmed with the operator as soon as something is to be measured in it.
         """
         seated = f"{mounting.key} mounted"
-        if not self.session.done(seated):
+        replayed = self.session.done(seated)
+        if not replayed:
             self.session.checkpoint()
             # A person will touch the package: nothing may move.
             self.session.guarded("rest", self.bench.apparatus(), self.bench.rest)
@@ -80,6 +81,7 @@ class Fixture:
         # After the hands: killed before it, the mounting is made again under the same number.
         self.session.once(seated, lambda: True)
         self._level(mounting)
+        self.session.mounted(replayed=replayed)
 
     def confirm(self, mounting: Mounting) -> None:
         """Before measuring: is this mounting in place? `MountingLostError` when it is not."""

@@ -244,7 +244,7 @@ class Work(campaigns.Work):
 def run(session: Session, bench: Bench, plan: Plan) -> None:
     """Carry out a campaign; everything it finds is in the session's store."""
     plan.check(bench)
-    session.plan(plan.runs)
+    session.plan(plan.runs, mountings=len(plan.mountings))
     with session.step("prepare"):
         session.guarded("prepare", bench.apparatus(), bench.prepare)
     session.when_taken_up(bench.restore)

@@ -268,7 +268,7 @@ def test_progress_counts_what_is_measured_and_what_is_replayed(scene: Scene) -> 
     progress: Any = resumed._progress
     resumed.plan(3)
     assert progress.status() == {
-        "state": "running", "step": "", "runs_done": 0, "runs_planned": 3, "runs_invalid": 0, "eta_s": None
+        "state": "running", "step": "", "runs_done": 2, "runs_planned": 3, "runs_invalid": 1, "eta_s": None
     }  # fmt: skip
     for key in "ab":
         resumed.acquire(key, {}, never)

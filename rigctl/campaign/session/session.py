@@ -65,11 +65,18 @@ class Session:
 
     def tell(self, what: str = "") -> None:
         """How far a long step is, for whoever watches; nothing is told of it any more when left out."""
-        self._progress.at(" / ".join([*self._steps, *([what] if what else [])]))
+        self._progress.told(" / ".join([*self._steps, *([what] if what else [])]))
 
-    def plan(self, runs: int, takes: Sequence[float] = ()) -> None:
-        """Tell how many runs the procedure expects in all, and what each takes, for the progress and its ETA."""
-        self._progress.plan(runs, takes)
+    def plan(self, runs: int, takes: Sequence[float] = (), mountings: int = 0) -> None:
+        """Tell how many runs and mountings the procedure expects in all, for the progress and its ETA.
+
+        `takes` is what each run takes, where they differ.
+        """
+        self._progress.plan(runs, takes, mountings)
+
+    def mounted(self, *, replayed: bool) -> None:
+        """Tell that something was mounted, now or, `replayed`, before a restart, for the progress and its ETA."""
+        self._progress.mounted(replayed=replayed)
 
     def counted(self, runs: int, *, replayed: bool = False) -> None:
         """So many runs more are over whose samples nobody keeps, for the progress and its ETA."""
@@ -114,6 +121,7 @@ class Session:
                 # In the commit that ends the run: a resumed campaign needs both or neither.
                 return writer.finish(outcome, valid=valid, reason=reason, rig_time_s=self.clock.now_s())
 
+        self._progress.begins()
         record = self._repeated(RUN_REPEATED, key, apparatus, measured)
         self._progress.ran(valid=record.valid)
         return record
