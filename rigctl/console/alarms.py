@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from rigctl.campaign.store.entries import BACK, LOST, RESUMED
 from rigctl.console.readings import InstrumentView, simulated_here
 from rigctl.console.store_view import StoreView
 from rigctl.console.vitals import Vitals
@@ -14,6 +15,7 @@ from rigctl.report.quantities import duration
 
 if TYPE_CHECKING:
     from rigctl.analysis.run_misfit import RunMisfit
+    from rigctl.campaign.store.entries import Event
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,17 @@ def _of_misfits(far: Sequence[RunMisfit]) -> list[Alarm]:
     return [Alarm(f"far {' '.join(each.run_id for each in far)}", text)]
 
 
+def _lost(events: Sequence[Event]) -> Mapping[str, Any] | None:
+    """What is told of the instrument that a campaign waits for; None while it has all."""
+    last = next((event for event in reversed(events) if event.kind in {LOST, BACK, RESUMED}), None)
+    return last.data if last is not None and last.kind == LOST else None
+
+
 def _of_campaign(view: StoreView, vitals: Vitals | None) -> list[Alarm]:
     found = []
+    if view.alive and (lost := _lost(view.events)) is not None:
+        told = f"{lost['instrument']} LOST: {str(lost['text']).removeprefix(lost['instrument'] + ': ')}"
+        found.append(Alarm(f"lost {view.path} {lost['instrument']}", f"{told}. The campaign waits until it answers"))
     if view.killed and not simulated_here(view):
         text = "The campaign's process is gone without a word; nothing is known of its instruments. F8 stops them"
         found.append(Alarm(f"killed {view.path}", text))

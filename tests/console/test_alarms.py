@@ -15,6 +15,7 @@ from rigctl.campaign.recording import Header, RunRecord
 from rigctl.campaign.session import locks
 from rigctl.campaign.session.heartbeat import STALLED_S, beat
 from rigctl.campaign.session.questions import Question
+from rigctl.campaign.store.entries import BACK, LOST, RESUMED, Event
 from rigctl.campaign.store.store import Store
 from rigctl.console import analyses, telling
 from rigctl.console.alarms import Alarm, alarms_of
@@ -33,7 +34,8 @@ RIG = '[instruments.oven]\nrole = "thermometer"\ndriver = "x"\naddress = "{addre
 
 def seen(*, alive: bool = True, question: Question | None = None, address: str = "tcp:a:1", **more: Any) -> StoreView:
     status = {"state": "running" if alive else "interrupted", "step": "axis Y", "killed": not alive}
-    return StoreView(STORE, status, alive, (), (), {}, question, rig_toml=RIG.format(address=address), **more)
+    events = more.pop("events", ())
+    return StoreView(STORE, status, alive, (), events, {}, question, rig_toml=RIG.format(address=address), **more)
 
 
 def signs(beat_age_s: float, written_age_s: float) -> Vitals:
@@ -79,6 +81,19 @@ def test_what_is_an_alarm_of_a_campaign() -> None:
     assert keys_of(seen(alive=False), None) == ["killed"]
     # Simulated instruments are gone with their process.
     assert keys_of(seen(alive=False, address="sim:oven"), None) == []
+
+
+def told(number: int, kind: str, **data: str) -> Event:
+    return Event(number, "2026-11-29T22:23:00+00:00", None, kind, data)
+
+
+def test_an_instrument_that_the_campaign_waits_for_is_an_alarm_until_it_is_back() -> None:
+    lost = told(1, LOST, instrument="rotation", text="rotation: no connection; check power and cable")
+    (alarm,) = alarms_of(seen(events=(lost,)), signs(0.5, 1.0), (), ())
+    assert alarm.text == ("rotation LOST: no connection; check power and cable. The campaign waits until it answers")
+    assert keys_of(seen(events=(lost, told(2, BACK))), signs(0.5, 1.0)) == []
+    assert keys_of(seen(events=(lost, told(2, RESUMED))), signs(0.5, 1.0)) == []
+    assert keys_of(seen(alive=False, events=(lost,), address="sim:oven"), None) == []
 
 
 def test_signs_of_life_of_another_store_are_not_this_one_s() -> None:

@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import Header
+from rigctl.campaign.session import locks
+from rigctl.campaign.store.entries import RUN_REPEATED
 from rigctl.campaign.store.store import Store
 from rigctl.console import feed, store_watch
 from rigctl.console.log_lines import Search
@@ -49,6 +51,24 @@ def test_new_runs_are_added_and_one_that_is_marked_is_seen_as_marked(store: Stor
     view = looks()
     assert [run.valid for run in view.runs] == [False, True]
     assert (view.status["runs_done"], view.status["runs_invalid"]) == (2, 1)
+
+
+def test_the_last_run_before_a_pause_is_among_the_steps_and_what_was_repeated_is_told(
+    store: Store, at_console: Any
+) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        await seat.press("2")
+        record(store, 1)
+        await seat.sees("✓ 1 run 1")
+        # Within the second after the steps were drawn; nothing is written behind it.
+        store.add_event(RUN_REPEATED, {"key": "run 2", "error": "LinkTimeout"})
+        record(store, 2)
+        await seat.sees("2 of 2 runs, 0 invalid, 1 repeated")
+        await seat.sees("✓ 2 run 2", timeout_s=10.0)
+
+    with locks.held(locks.store_lock(store.path), "held"):
+        at_console(sitting, store.path)
 
 
 def test_of_a_long_run_the_last_samples_are_seen_as_they_come(

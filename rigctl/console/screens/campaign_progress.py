@@ -42,6 +42,7 @@ class ProgressPage(Page):
         self._pictures: Sequence[Picture] = ()
         self._tree_of: tuple[object, ...] = ()
         self._steps_s = 0.0
+        self._steps_behind = False
         self._vitals: Vitals | None = None
         self._told = ""
         self._line = Text()
@@ -82,19 +83,28 @@ class ProgressPage(Page):
         self._view = view
         status = view.status
         done, planned = int(status["runs_done"]), int(status["runs_planned"])
+        repeated = sum(status.get("runs_repeated", {}).values())
         self._told = f"{done} of {planned} runs, {status['runs_invalid']} invalid"
+        self._told += f", {repeated} repeated" if repeated else ""
         self.query_one(ProgressBar).update(total=max(planned, 1), progress=done)
         self._tell()
+        self._steps_behind = True
         # The last state is shown in any case: no other comes after it.
-        if (on_screen and time.monotonic() - self._steps_s > STEPS_S) or not view.alive:
-            self._steps_s = time.monotonic()
-            self._show_steps(view)
+        if on_screen or not view.alive:
+            self._keep_steps_up(view)
 
     def show_vitals(self, vitals: Vitals | None) -> None:
         """How long ago the campaign gave a sign of life, and recorded anything."""
         self._vitals = vitals
         if self._view is not None:
             self._tell()
+            # What came too soon after the last drawing may be the last that comes for long, as in a pause.
+            self._keep_steps_up(self._view)
+
+    def _keep_steps_up(self, view: StoreView) -> None:
+        if self._steps_behind and (time.monotonic() - self._steps_s > STEPS_S or not view.alive):
+            self._steps_s, self._steps_behind = time.monotonic(), False
+            self._show_steps(view)
 
     def _tell(self) -> None:
         """What the store says, each with its age: nothing here goes on by itself."""
