@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import subprocess
@@ -85,6 +86,26 @@ def test_links_and_pipes_in_the_place_of_a_lock_are_refused_and_untouched(tmp_pa
         with pytest.raises(DataError, match=f"{name}.lock: .*{why}"):
             locks.held(tmp_path / f"{name}.lock", "taken").__enter__()
     assert not (tmp_path / "target").exists()
+
+
+def test_on_a_place_for_reading_only_a_lock_tells_whether_it_is_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = os.open
+
+    def read_only(path: Path, flags: int, *mode: int) -> int:
+        if flags & os.O_RDWR:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        return opened(path, flags, *mode)
+
+    lock = tmp_path / "night.rig.sqlite.lock"
+    lock.touch()
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "open", read_only)
+        assert not locks.is_held(lock)
+    with locks.held(lock, "held"), monkeypatch.context() as patched:
+        patched.setattr(os, "open", read_only)
+        assert locks.is_held(lock)
 
 
 def test_a_lock_that_was_deleted_while_it_was_taken_is_taken_again(

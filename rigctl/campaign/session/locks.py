@@ -90,7 +90,9 @@ def _opened(path: Path) -> int:
     flags = os.O_NOFOLLOW | os.O_NONBLOCK
     try:
         handle = os.open(path, os.O_RDWR | flags)
-    except PermissionError:
+    except OSError as error:
+        if error.errno not in {errno.EACCES, errno.EPERM, errno.EROFS}:
+            raise
         handle = os.open(path, os.O_RDONLY | flags)  # enough to lock, but not over NFS
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
