@@ -33,7 +33,9 @@ def in_charge(
 @contextmanager
 def rig_of_ones_own(rig_file: RigFile) -> Iterator[None]:
     """Hold the instruments of a rig file; `RigError` when a campaign of another process does."""
-    refusal = f"{rig_file.path}: another campaign holds these instruments; see `rigctl status` of its store"
+    refusal = (
+        f"{rig_file.path}: another campaign holds these instruments, or a console; see `rigctl status` of its store"
+    )
     with locks.instruments_held(rig_file, refusal):
         yield
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from rigctl import cli
+from rigctl.campaign.recording import Header
 from rigctl.campaign.session import locks, requests
 from rigctl.campaign.store.store import Store
 from rigctl.cli import commands
@@ -313,6 +316,21 @@ def test_a_finished_campaign_is_neither_paused_nor_aborted_and_resuming_it_tells
         done.rigctl(command, done.store).refused(1, "no campaign is running", "rigctl status")
     assert wire.sent == []
     assert done.rigctl("status", done.store, "--json").json["state"] == "done"
+
+
+def test_who_asks_a_stalled_campaign_to_pause_or_abort_is_told_that_it_does_not_answer(tmp_path: Path) -> None:
+    store = tmp_path / "night.rig.sqlite"
+    Store.create(store, Header(experiment="sensing-axis")).close()
+    runner = CliRunner()
+    with locks.held(locks.store_lock(store), "held"):
+        assert "no sign of life" not in runner.invoke(app, ["pause", str(store)]).stderr
+        hour_ago = time.time() - 3600.0
+        os.utime(locks.store_lock(store), (hour_ago, hour_ago))
+        for command in ("pause", "abort"):
+            asked = runner.invoke(app, [command, str(store), "--json"])
+            assert json.loads(asked.stdout) == {"requested": command}
+            assert "no sign of life for 60 min" in asked.stderr
+            assert "rigctl stop" in asked.stderr
 
 
 @pytest.mark.parametrize("command", ["resume", "pause", "abort", "status", "result", "mark", "export", "report"])

@@ -11,6 +11,7 @@ from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
 from rigctl.cli.io import Json, StoreFile, print_outcome, tell
 from rigctl.core.errors import ConfigError
+from rigctl.report.quantities import duration
 from rigctl.report.status_lines import status_lines
 
 if TYPE_CHECKING:
@@ -47,8 +48,15 @@ def answer(
 def ask(store: Path, kind: Request, *, as_json: bool) -> None:
     """Have a running campaign pause, go on or end."""
     from rigctl.campaign.session import requests
+    from rigctl.campaign.session.heartbeat import STALLED_S, beat_age_s
 
     requests.request(store, kind)
+    age_s = beat_age_s(store)
+    if age_s is not None and age_s > STALLED_S:
+        tell(
+            f"{store}: its process has given no sign of life for {duration(age_s)}, and obeys once it goes on; "
+            "`rigctl stop RIG` stops the rig now"
+        )
     print_outcome({"requested": kind}, f"asked the campaign to {kind}", as_json=as_json)
 
 

@@ -13,6 +13,7 @@ from textual.binding import Binding, BindingType
 
 from rigctl.console import messages as say
 from rigctl.console import state
+from rigctl.console.campaigns import log_of
 from rigctl.console.place import kind_of, require_store
 from rigctl.console.shell import Shell, while_running
 from rigctl.console.titles import openable, title_of, with_opened
@@ -227,9 +228,17 @@ class Console(Shell):
         if message.status == -STOP_SIGNAL:
             self._notes.forget()
             self._note("the campaign was stopped before it had begun", "warning")
+        elif message.status < 0:
+            # What it said last was how far it was.
+            killed = f"the campaign's process was killed ({signal.strsignal(-message.status)})"
+            self._note(f"{killed}; what is recorded stays, r on screen 2 resumes it", "error")
         # 130 is an abort, which the operator has asked for.
         elif message.status not in {0, 130}:
-            self._note(message.last_line or f"the campaign's process ended with status {message.status}", "error")
+            silent = (
+                f"the campaign's process ended with status {message.status}, and could not write why into "
+                f"{log_of(message.store)}; is the disk full?"
+            )
+            self._note(message.last_line or silent, "error")
         if self._holding.bench is None:
             # The rig was given free for the campaign; it is held again as before.
             self._holding.take()

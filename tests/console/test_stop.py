@@ -221,6 +221,19 @@ def test_a_stop_reaches_a_killed_campaign_that_is_being_resumed(measured: Path, 
     at_console(sitting, measured)
 
 
+def test_how_a_campaign_s_process_ended_is_told_in_its_own_words_only_where_it_had_some(
+    measured: Path, at_console: Any
+) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        seat.app.on_campaign_ended(say.CampaignEnded(measured, -9, "running: axis Y phase 1, 2 of 18 runs"))
+        await seat.sees("✗ the campaign's process was killed (Killed)")
+        seat.app.on_campaign_ended(say.CampaignEnded(measured, 1, ""))
+        await seat.sees("is the disk full?")
+
+    at_console(sitting, measured, size=(120, 24))
+
+
 def test_the_last_line_of_a_campaign_is_its_own(tmp_path: Path) -> None:
     store = tmp_path / "s.rig.sqlite"
     log_of(store).write_text("the one before: its disk was full\n")

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 Document = Mapping[str, Any]
 MAX_SERIES = len(MARKS)
+UNKNOWN_MODEL = "the model is not known: it is still being read, or no store is open (o)"
 TOGETHER = " + "
 """Between effects that are added as one version."""
 
@@ -279,14 +280,15 @@ class WorkbenchPane(Vertical):
         if len(missing := [name for name in self._suggested if name not in self._effects]) > 1:
             options.insert(0, (TOGETHER.join(missing), "all that is suggested, in one fit"))
         if not options:
-            self.post_message(Noted("open a store first: o", "warning"))
+            self.post_message(Noted(UNKNOWN_MODEL, "warning"))
             return
         self._pick("Add which effect?", options, "add")
 
     def action_remove(self) -> None:
         """Pick one that is in the model."""
         if not self._effects:
-            self.post_message(Noted("the model has no effects to remove", "warning"))
+            told = "the model has no effects to remove" if self._catalogue else UNKNOWN_MODEL
+            self.post_message(Noted(told, "warning"))
             return
         options = [(name, self._catalogue.get(name, "")) for name in self._effects]
         self._pick("Remove which effect?", options, "remove")
