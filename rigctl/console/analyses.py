@@ -142,7 +142,9 @@ class Analyses:
             return
         valid = sum(run.valid for run in view.runs)
         signs = (view.path, view.status["runs_done"], valid, view.alive)
-        if signs == self._watched or self._watching or time.monotonic() < self._watch_again_s:
+        # Of a campaign that has ended this is the last look: nothing comes that would make up for it later.
+        soon = view.alive and time.monotonic() < self._watch_again_s
+        if signs == self._watched or self._watching or soon:
             return
         # Noted before it is asked: a run that ends meanwhile is a reason to ask again.
         self._watched, self._watching = signs, True

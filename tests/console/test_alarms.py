@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,32 @@ def test_what_is_an_alarm_of_a_campaign() -> None:
     assert keys_of(seen(alive=False), None) == ["killed"]
     # Simulated instruments are gone with their process.
     assert keys_of(seen(alive=False, address="sim:oven"), None) == []
+
+
+def test_what_the_runs_tell_is_worked_out_once_more_as_soon_as_a_campaign_has_ended(
+    measured: Path, tmp_path: Path, at_console: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "night.rig.sqlite"
+    shutil.copy(measured, path)
+    looks = []
+
+    async def found(_: Analyst, what: str, *_arguments: Any, live: bool = False) -> Watch:
+        assert (what == "watched") == live
+        looks.extend([what] if live else [])
+        return Watch((), ())
+
+    monkeypatch.setattr(Analyst, "ask", found)
+    monkeypatch.setattr(analyses, "LIVE_S", 3600.0)
+
+    async def sitting(seat: Any) -> None:
+        await seat.press("2")
+        await seat.until(lambda: len(looks) == 1)
+        at_work.close()
+        await seat.until(lambda: len(looks) == 2)
+
+    with ExitStack() as at_work:
+        at_work.enter_context(locks.held(locks.store_lock(path), "held"))
+        at_console(sitting, path)
 
 
 def told(number: int, kind: str, **data: str) -> Event:
