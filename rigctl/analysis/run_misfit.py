@@ -23,10 +23,13 @@ class RunMisfit:
         return abs(self.sigma) > FAR_SIGMA
 
 
-def said_of_misfit(version: int, chi2_per_dof: float, where: str, off_sigma: float) -> str:
-    """The line that says so, with the datum that is farthest off."""
+def said_of_misfit(version: int, chi2_per_dof: float, where: str, off_sigma: float, data: str = "") -> str:
+    """The line that says so, with the datum that is farthest off.
+
+    `data` says of which data chi2/dof is where it is not of all: "at nu alone ".
+    """
     return (
-        f"the model, version {version}, does not describe these data, and no sigma holds: chi2/dof is "
-        f"{chi2_per_dof:.3g}, and {where} is {off_sigma:+.1f} sigma off; look with `rigctl compare`, then mend "
-        "runs.csv or extend the model"
+        f"the model, version {version}, does not describe these data, and no sigma holds: chi2/dof {data}is "
+        f"{chi2_per_dof:.3g}, and {where} is {off_sigma:+.1f} sigma off; look with `rigctl "
+        "compare`, then extend the model, or mend the runs.csv that was imported"
     )

@@ -30,4 +30,5 @@ def misfit(fit: RecordingFit, version: int) -> list[str]:
         return []
     worst = int(np.argmax(np.abs(left)))
     of, name, part = data[worst]
-    return [said_of_misfit(version, chi2 / dof, f"run {of.run_id}, {name}, {part}", float(left[worst]))]
+    where = f"run {of.run_id}, {name}, {part}"
+    return [said_of_misfit(version, chi2 / dof, where, float(left[worst]), "at nu alone ")]
