@@ -11,13 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rigctl.campaign.item import ITEM
+from rigctl.campaign.store.entries import CERTIFIED
 from rigctl.certificate import page, pdf, sealed, signature
-from rigctl.certificate.content import FORMAT, Certificate
+from rigctl.certificate.content import FORMAT, Certificate, Tell, certificate_of
 from rigctl.certificate.dcc import document
 from rigctl.certificate.sections import Content
+from rigctl.core.clock import utc_now
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.core.whole_file import writing
+from rigctl.files.certificate_file import CertificateDetails
 from rigctl.report import html
+from rigctl.workbench.workbench import Workbench
 
 
 class NotVerified(ProcedureError):
@@ -55,6 +60,21 @@ def form_of(out: Path) -> str:
     if suffix == ".pdf":
         pdf.browser()
     return suffix
+
+
+def issue(
+    workbench: Workbench, details: CertificateDetails, out: Path, *, unfinished: bool = False, tell: Tell
+) -> Certificate:
+    """Certify a store's result in a file, and keep in the store that this was done, and of which item.
+
+    `ConfigError` and `DataError` as `form_of`, `certificate_of` and `write` raise them.
+    """
+    form_of(out)
+    made = certificate_of(workbench, details, utc_now(), unfinished=unfinished, tell=tell)
+    write(made, out)
+    # Who looks at the store later knows of which item it is: no certificate need be at hand.
+    workbench.store.add_event(CERTIFIED, {"number": made.number, "file": str(out), ITEM: made.item.stated})
+    return made
 
 
 def write(certificate: Certificate, out: Path) -> None:

@@ -11,10 +11,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.campaign.item import ITEM
-from rigctl.campaign.store.entries import CERTIFIED
-from rigctl.certificate import issue
-from rigctl.certificate.content import certificate_of
+from rigctl.certificate.issue import issue
 from rigctl.certificate.signature import Signer, beside
 from rigctl.certificate.verify import verify as verified
 from rigctl.cli.io import Json, Plugins, StoreFile, print_outcome, tell
@@ -45,13 +42,9 @@ def certificate(
     as_json: Json = False,
 ) -> None:
     """Write a calibration certificate: result, uncertainty, conformity, and a hash over what they rest on."""
-    issue.form_of(out)
     given = read_details(details) if details else CertificateDetails()
     with opened_workbench(store, plugin or (), readonly=False) as workbench:
-        made = certificate_of(workbench, given, utc_now(), unfinished=unfinished, tell=tell)
-        issue.write(made, out)
-        # Who looks at the store later knows of which item it is: no certificate need be at hand.
-        workbench.store.add_event(CERTIFIED, {"number": made.number, "file": str(out), ITEM: made.item.stated})
+        made = issue(workbench, given, out, unfinished=unfinished, tell=tell)
     for warning in made.content["warnings"]:
         tell(f"warning: {warning}")
     document = {"written": str(out), "number": made.number, "basis_sha256": made.content["basis_sha256"]}

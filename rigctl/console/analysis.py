@@ -12,10 +12,8 @@ from typing import Any
 from rigctl import planning, results, runner
 from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.store.store import Store
-from rigctl.certificate import issue
-from rigctl.certificate.content import certificate_of
+from rigctl.certificate.issue import issue
 from rigctl.composition import opened_workbench
-from rigctl.core.clock import utc_now
 from rigctl.core.errors import ConfigError
 from rigctl.core.whole_file import writing
 from rigctl.effects.plugins import load
@@ -140,7 +138,8 @@ def mark(store: Path, run_id: str, valid: bool, reason: str, plugins: Plugins) -
 
 def write(store: Path, kind: str, path: Path, plugins: Plugins) -> Json:
     """What a command writes to a file, by one of `rigctl.console.writing.KINDS`."""
-    with opened_workbench(store, plugins) as workbench:
+    # That a certificate was issued is kept in the store.
+    with opened_workbench(store, plugins, readonly=False if kind == "certificate" else None) as workbench:
         _WRITTEN[kind](workbench, path)
     return {"kind": kind, "written": str(path)}
 
@@ -150,9 +149,7 @@ def _write_bundle(workbench: Workbench, path: Path) -> None:
 
 
 def _write_certificate(workbench: Workbench, path: Path) -> None:
-    # First: what it says takes its time to be worked out.
-    issue.form_of(path)
-    issue.write(certificate_of(workbench, CertificateDetails(), utc_now(), unfinished=False, tell=_nobody), path)
+    issue(workbench, CertificateDetails(), path, tell=_nobody)
 
 
 def _write_campaign(workbench: Workbench, path: Path) -> None:

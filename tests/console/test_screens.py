@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from rigctl.campaign.store.entries import CERTIFIED
+from rigctl.campaign.store.store import Store
 from rigctl.console.widgets.plot import Plot
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -143,6 +145,9 @@ def test_what_is_known_is_written_under_a_name_that_nothing_has(
 
     at_console(sitting, tmp_path / "night.rig.sqlite")
     assert inside in (tmp_path / name).read_text(encoding="utf-8")[:4000]
+    with Store.open(tmp_path / "night.rig.sqlite", readonly=True) as store:
+        issued = [event.data["file"] for event in store.events(CERTIFIED)]
+    assert issued == ([str(tmp_path / name)] if kind == "certificate" else [])
 
 
 def test_every_action_of_the_palette_exists(at_console: Any) -> None:
