@@ -45,11 +45,11 @@ def keep_trials(
     """Try what is wanted and append its rows to the file as they come."""
     items = list(wanted)
     path.parent.mkdir(parents=True, exist_ok=True)
-    pace = Pace(len(items), "tried", lambda text: print(text, file=sys.stderr, flush=True))
+    pace = Pace("tried", lambda text: print(text, file=sys.stderr, flush=True))
     with path.open("a", encoding="utf-8") as file, outcomes_of(trial, items, workers) as outcomes:
-        for _, outcome in outcomes:
+        for done, (_, outcome) in enumerate(outcomes, 1):
             for row in [outcome] if isinstance(outcome, dict) else outcome:
                 file.write(json.dumps(row) + "\n")
                 shown(row)
             file.flush()
-            pace.counted()
+            pace.reached(done, len(items))

@@ -178,7 +178,7 @@ def platform(tmp_path):
     rng = np.random.default_rng(2)
     t_s = np.arange(600) * 0.1 + 0.05
     moving = ((t_s % 30 > 10) & (t_s % 30 < 20)).astype(float)
-    for run_id in "12":
+    for run_id, dm1_z_v in (("1", np.full(t_s.size, 0.5)), ("2", np.sin(2.0 * np.pi * t_s / 3600.0))):
         bundle.columns(
             f"runs/{run_id}.csv",
             t_s=t_s,
@@ -186,7 +186,7 @@ def platform(tmp_path):
             q_a_v=rng.normal(size=t_s.size),
             q_b_v=rng.normal(size=t_s.size),
             dm1_y_v=np.zeros(t_s.size),
-            dm1_z_v=np.full(t_s.size, 0.5),
+            dm1_z_v=dm1_z_v,
             moving=moving,
         )
     for run_id in "34":
@@ -215,6 +215,7 @@ def inflight(tmp_path):
     for run_id in "abc":
         columns = {name: 1e-9 * rng.normal(size=t_s.size) for name in INFLIGHT_COLUMNS}
         columns["temperature_1_k"] += 285.0
+        columns["t_zz"] = -columns["t_xx"] - columns["t_yy"]
         bundle.columns(f"runs/{run_id}.csv", **{**columns, "t_s": t_s})
     return bundle
 

@@ -70,7 +70,9 @@ def _units(run: Mapping[str, Any], columns: Columns, _: Mapping[str, float]) -> 
             f"the platform turns {turns} times in {periods:.4g} periods of {period_s:g} s: t_s or modulation_period_s"
             " looks like another unit; write both in seconds"
         )
-    tilt = tilt_contradiction(run, _by_seconds(columns["dm1_z_v"], step_s)) if "dm1_z_v" in columns else None
+    tilt = None
+    if "dm1_z_v" in columns:
+        tilt = tilt_contradiction(run, _by_seconds(columns["dm1_z_v"], step_s), step_s * columns["t_s"].size)
     return UnitFindings(remarks=(tilt,) if tilt else ())
 
 

@@ -14,14 +14,19 @@ _LEVEL, _AMPLITUDE = 0.05, 0.5
 _LEAST_V = 0.02
 
 
-def tilt_contradiction(stated: Mapping[str, Any], volts: FloatArray) -> str | None:
-    """`v_z_v` and `external` of a run against means of dm1_z_v over parts of it; None where they agree."""
+def tilt_contradiction(stated: Mapping[str, Any], volts: FloatArray, duration_s: float) -> str | None:
+    """`v_z_v` and `external` of a run against means of dm1_z_v over parts of it; None where they agree.
+
+    An amplitude is told by a whole `external_period_s` at least.
+    """
     level_v = float(stated.get("v_z_v", np.nan))
     if not (np.isfinite(level_v) and volts.size and np.isfinite(volts).all()):
         return None
     external = str(stated.get("external") or "constant")
     if external == "constant":
         found_v, share, word = float(volts[int(np.argmax(np.abs(volts - level_v)))]), _LEVEL, ""
+    elif not duration_s >= float(stated.get("external_period_s", np.nan)):
+        return None
     else:
         found_v, share, word = 0.5 * float(np.ptp(volts)), _AMPLITUDE, "an amplitude of "
     if abs(found_v - level_v) <= max(share * abs(level_v), _LEAST_V):

@@ -23,7 +23,8 @@ def contradictions(
     run_id: str, stated: Mapping[str, Any], cells: Cells, sampled: SampledPattern, command_v_per_m_s2: float
 ) -> list[str]:
     """Of the tilt at the input of axis Z and of the pattern, a line each."""
-    tilt = tilt_contradiction(stated, cells.state[:, 0] * command_v_per_m_s2)
+    duration_s = cells.periods * cells.samples / cells.sample_rate_hz
+    tilt = tilt_contradiction(stated, cells.state[:, 0] * command_v_per_m_s2, duration_s)
     return [*([f"{run_id}: {tilt}"] if tilt else []), *_of_pattern(run_id, stated, sampled)]
 
 
