@@ -179,14 +179,25 @@ def test_a_stop_is_answered_when_the_meter_has_ended(dialect: Meter3458ADialect)
 
 
 @pytest.mark.parametrize("heeds", [True, False])
-def test_a_stop_over_visa_clears_the_device_and_is_confirmed_at_once_where_it_heeds_that(heeds: bool) -> None:
+def test_a_stop_over_visa_clears_the_device_and_is_confirmed_at_once_where_it_heeds_that(
+    monkeypatch: pytest.MonkeyPatch, heeds: bool
+) -> None:
     """HiSLIP has the device clear of GPIB: pyvisa's `clear`, to a meter that hears nothing else while it samples."""
     clock = ScaledClock(1.0)
     dialect = hard("hears_while_sampling", *(() if heeds else ("heeds_device_clear",)))
     settings = Meter3458ASimulatorSettings(dialect=dialect)
     server = Server(clock)
-    served = server.add_hislip("meter", Simulated3458A(clock, volts, None, None, settings))
+    simulated = Simulated3458A(clock, volts, None, None, settings)
+    served = server.add_hislip("meter", simulated)
     serving = threading.Thread(target=server.serve)
+    samples = threading.Event()
+
+    def received(line: str, client: Any, heard: Any = simulated.received) -> None:
+        heard(line, client)
+        if line == "TARM SGL":
+            samples.set()
+
+    monkeypatch.setattr(simulated, "received", received)
     serving.start()
     address = f"TCPIP::127.0.0.1::hislip0,{served.port}::INSTR"
     meter = PacingMeter("readout", Meter3458ASettings(), connector(address, RealClock()), RealClock())
@@ -194,6 +205,8 @@ def test_a_stop_over_visa_clears_the_device_and_is_confirmed_at_once_where_it_he
         meter.open()
         # An hour, of which nobody waits for the end.
         meter.start(3600, 1.0)
+        # A clear that comes first would take the command out of the meter's input.
+        assert samples.wait(20.0)
         if heeds:
             meter.stop()
             assert len(meter.fetch()) == 0
