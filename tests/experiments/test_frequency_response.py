@@ -224,6 +224,14 @@ def test_a_run_without_a_signal_is_said_and_does_not_count_for_all_others() -> N
     assert re.match(r"the output of run 5 is \S+e-0\d times that of most others at 7 Hz: ", remark)
 
 
+@pytest.mark.parametrize("volts", [0.0, 0.3])
+def test_a_run_whose_output_never_changes_is_none(volts: float) -> None:
+    made = samples(CASES[2][0], 0.1, 1, np.random.default_rng(9))
+    made["accel_v"] = np.full_like(made["t_s"], volts)
+    with pytest.raises(DataError, match=rf"accel_v is {volts:g} V throughout; was the sensor connected"):
+        fitted_run("1", {"direction": 1, "frequency_hz": CASES[2][0], "mounting": 1}, made, {}, {})
+
+
 def test_the_budget_agrees_with_monte_carlo() -> None:
     bench = Bench(delay_u_s=2e-4, gain_u=3e-4, frequency_u=1e-3, pitch_u_rad_m=6e-5, g_m_s2=9.8)
     measured, inputs = measurement(0.7, 1.3 * np.exp(-0.2j), 2e-3, 200.0, bench, Reference(5e-3))

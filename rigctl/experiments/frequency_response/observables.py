@@ -136,6 +136,9 @@ def fitted_run(
     t_s, stage_m = samples["t_s"], _MM * samples[STAGE]
     known = np.isfinite(t_s) & np.isfinite(stage_m)
     basis, stage = find_frequency(t_s[known], stage_m[known], float(conditions["frequency_hz"]), harmonics=HARMONICS)
+    seen_v = samples[ACCEL][np.isfinite(samples[ACCEL])]
+    if seen_v.size and np.ptp(seen_v) == 0.0:
+        raise DataError(f"{ACCEL} is {seen_v[0]:g} V throughout; was the sensor connected? measure the run again")
     reference, late = complex(stage.amplitudes[0]), _Lateness(channels, basis.frequency_hz)
     output = _line(t_s, samples[ACCEL], basis.frequency_hz, reference, late.turn(ACCEL))
     heads = {}
