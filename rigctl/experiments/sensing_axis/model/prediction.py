@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from operator import is_
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import RigError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.chain import Runs, amplitudes
-from rigctl.experiments.sensing_axis.model.geometry import X_LAB, components, lab_from_cube_mount
+from rigctl.experiments.sensing_axis.model.geometry import about_vertical, component, from_vector, turned
 from rigctl.experiments.sensing_axis.model.parameters import family_of, scale_of
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS
 
@@ -60,6 +60,15 @@ class Place:
     outward: FloatArray
     leaning: FloatArray
     tilt: float
+
+
+class Turn(NamedTuple):
+    """How the cube of each run is turned: by matrices (..., 3, 3) in its mounting, and about the vertical by angles
+    with this cosine and sine."""
+
+    mounted: FloatArray
+    cos: FloatArray
+    sin: FloatArray
 
 
 @dataclass(frozen=True)
@@ -118,7 +127,8 @@ class Chain:
         """The runs as an effect on a head's reading finds them, as if the head read the motion itself: a perfectly
         mounted package would hide from the side heads what they see of any other."""
         run = self.conditions
-        return self._seen(head, lab_from_cube_mount(run.theta, np.zeros(3)), run, Stages()).at(signal=run.x)
+        level = Turn(from_vector(np.zeros(3)), np.cos(run.theta), np.sin(run.theta))
+        return self._seen(head, level, run, Stages()).at(signal=run.x)
 
     def predict(
         self,
@@ -167,19 +177,16 @@ class Chain:
 
     def _lasers(self, run: Runs, given: Mapping[str, FloatArray], stages: Stages) -> ComplexArray:
         turns = given["delta_x"], given["delta_y"], given["delta_z"]
-        # One rotation per run, or per grid point where an effect moves the angle within the period.
-        rotation = stages.at(
-            "rotation",
-            (run.theta, *turns),
-            lambda: lab_from_cube_mount(run.theta, np.concatenate(turns, axis=1)[:, None, :]),
-        )
-        return np.stack([self._read(head, rotation, run, given, stages) for head in self.places], axis=1)
+        mounted = stages.at("mounted", turns, lambda: from_vector(np.concatenate(turns, axis=1)[:, None, :]))
+        cos, sin = stages.at("turntable", (run.theta,), lambda: (np.cos(run.theta), np.sin(run.theta)))
+        turn = Turn(mounted, cos, sin)
+        return np.stack([self._read(head, turn, run, given, stages) for head in self.places], axis=1)
 
     def _read(
-        self, head: str, rotation: FloatArray, run: Runs, given: Mapping[str, FloatArray], stages: Stages
+        self, head: str, turn: Turn, run: Runs, given: Mapping[str, FloatArray], stages: Stages
     ) -> ComplexArray:
         """Amplitudes that a head reads, (runs, H+1)."""
-        seen = self._seen(head, rotation, run, stages)
+        seen = self._seen(head, turn, run, stages)
         scaled = seen.signal
         # A head whose scale nobody calls uncertain has no such parameter.
         if (scale := given.get(scale_of(head))) is not None:
@@ -187,10 +194,10 @@ class Chain:
         reading = self._passed("laser_m", seen, given, scaled, stages)
         return stages.at(f"read {head}", (reading,), lambda: amplitudes(reading, HARMONICS))
 
-    def _seen(self, head: str, rotation: FloatArray, run: Runs, stages: Stages) -> Runs:
+    def _seen(self, head: str, turn: Turn, run: Runs, stages: Stages) -> Runs:
         """The runs as one head sees them: `signal` is the motion along the face's normal n over c . n."""
         place = self.places[head]
-        along, across, signal = stages.at(f"seen {head}", (rotation, run.x), lambda: _faced(place, rotation, run.x))
+        along, across, signal = stages.at(f"seen {head}", (*turn, run.x), lambda: _faced(place, turn, run.x))
         return run.at(
             head=head,
             along=along,
@@ -222,9 +229,10 @@ def _behind(item: Effect, run: Runs, parameters: Mapping[str, FloatArray]) -> Fl
     return run.signal + item(run, **parameters)
 
 
-def _faced(place: Place, rotation: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _faced(place: Place, turn: Turn, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the normal of the face that a head looks at its part along and across the beam, and the reading for `x`."""
+    normal = about_vertical(turn.cos, turn.sin, turned(turn.mounted, place.outward))
+    along, across = component(normal, place.outward), component(normal, place.leaning)
     # A face moved by x meets the beam (n . x) / (c . n) farther along it, n its normal, c the beam's direction.
-    along, across, ahead = components(rotation, place.outward, place.outward, place.leaning, X_LAB)
     cosine = np.cos(place.tilt) * along + np.sin(place.tilt) * across
-    return along, across, x * (ahead / cosine)
+    return along, across, x * (normal[0] / cosine)
