@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -150,6 +151,7 @@ class StageDevice(Instrument):
         self._readback_key, self._setpoint_key = f"{stage.name}_{unit}", f"{stage.name}_setpoint_{unit}"
         super().__init__(bench, stage.name, {self._readback_key: unit, self._setpoint_key: unit}, interest=1)
         self._stage = stage
+        self._unit = unit
         self._range = range_
         self._require = require
         self._move = move
@@ -162,7 +164,10 @@ class StageDevice(Instrument):
         bench.stages.append(self)
 
     def check_value(self, value: float) -> None:
-        """`LimitError` when it must not go there; sends nothing."""
+        """`LimitError` when it must not go there, or it is no place; sends nothing."""
+        # Plans are not checked for types: a word comes as it is, and a truth value would be a position.
+        if not isinstance(value, Real) or isinstance(value, bool):
+            raise LimitError(f"{self.name}: {value!r} is no position; give a number [{self._unit}]")
         self._require(self.name, value)
 
     def set(self, value: float) -> ActionStatus:

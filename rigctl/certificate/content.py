@@ -69,6 +69,7 @@ def certificate_of(
     store = bench.store
     state = _state(store, unfinished=unfinished)
     details = details.model_copy(update={"item": _item(store, details)})
+    dates = _dates(store, details)
     tell("working out the result")
     result = measurement_result_of(bench)
     tell("judging the model")
@@ -78,7 +79,7 @@ def certificate_of(
     basis = basis_of(store, bench.current)
     equipment = instruments_of(store)
     quantities = _quantities(result, details)
-    recorded, dates = recorded_conditions(store), _dates(store, details)
+    recorded = recorded_conditions(store)
     content = {
         "format": FORMAT,
         "number": details.number or _number(basis, issued),
@@ -149,10 +150,18 @@ def _administration(details: CertificateDetails) -> dict[str, Any]:
 
 
 def _dates(store: Store, details: CertificateDetails) -> dict[str, str | None]:
-    """Days of reception and of calibration; a bundle does not always say when it was measured."""
-    began = first_day(store) or _day(details.began)
+    """Days of reception and of calibration; a bundle does not always say when it was measured.
+
+    `ConfigError` for an item that was received after that.
+    """
+    began, received = first_day(store) or _day(details.began), _day(details.item.received)
+    if began and received and received > began:
+        raise ConfigError(
+            f"{details.path or store.path}: item.received is {received}, and the calibration began on {began}; "
+            "correct received in the file of --details"
+        )
     return {
-        "received": _day(details.item.received),
+        "received": received,
         "began": began,
         "ended": last_day(store, _day(details.ended) or "") or began,
     }

@@ -24,10 +24,14 @@ def with_opened(recent: Mapping[str, str], path: Path, title: str) -> dict[str, 
 
 def openable(recent: Mapping[str, str], here: Path) -> list[tuple[str, str]]:
     """What was opened before and is still there, then what is near, each with what it is; paths are short."""
+    from rigctl.campaign.origin import TRUTH_SUFFIX  # after the first paint
+
     told = {_short(Path(name), here): title for name, title in recent.items() if Path(name).is_file()}
     for pattern in PATTERNS:
         for path in sorted(here.glob(pattern)):
-            told.setdefault(_short(path, here), title_of(path))
+            # What a simulated world hides is not for who looks for it.
+            if not path.name.endswith(TRUTH_SUFFIX):
+                told.setdefault(_short(path, here), title_of(path))
     return list(told.items())
 
 

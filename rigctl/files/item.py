@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from datetime import date
 from typing import Annotated
+from unicodedata import category
 
-from pydantic import Field, StringConstraints
+from pydantic import AfterValidator, Field, StringConstraints
 
 from rigctl.core.file_tables import Table
 
-Line = Annotated[str, StringConstraints(max_length=2000, strip_whitespace=True)]
+
+def _printable(text: str) -> str:
+    """The text in one line; a terminal would obey control characters, and no page can show them."""
+    line = " ".join(text.split())
+    for each in line:
+        if category(each) == "Cc":
+            raise ValueError(f"it has the control character U+{ord(each):04X}; take it out")
+    return line
+
+
+Line = Annotated[str, StringConstraints(max_length=2000), AfterValidator(_printable)]
 
 
 class Item(Table):

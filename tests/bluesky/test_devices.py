@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import re
 import sys
 import threading
 import time
@@ -161,6 +162,16 @@ def test_beyond_the_limits_nothing_is_sent(opened: Opened, engine: RunEngine, wi
     # What a plan has tried to set is stopped at its end, whether it moved or not.
     assert wire.sent
     assert wire.motions == []
+
+
+@pytest.mark.parametrize("value", ["2.0", None, True, [1.0], 1j])
+def test_what_is_no_number_is_no_position(opened: Opened, wire: Any, value: Any) -> None:
+    stage = devices_of(opened())["stage"]
+    wire.sent.clear()
+    with pytest.raises(LimitError, match=rf"stage: {re.escape(repr(value))} is no position; give a number \[mm\]"):
+        stage.set(value)
+    stage.check_value(np.float32(0.5))
+    assert wire.sent == []
 
 
 def test_a_record_that_cannot_be_made_is_refused(opened: Opened) -> None:

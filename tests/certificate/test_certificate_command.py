@@ -202,6 +202,18 @@ def test_a_store_tells_its_certificate_the_item_and_learns_it_from_one(desk: Any
     assert desk.rigctl("verify", "u.html", desk.store).status == 0
 
 
+def test_an_item_is_not_received_after_its_calibration_began(desk: Any) -> None:
+    assert desk.rigctl("import", PONTIUS, "--store", desk.store).status == 0
+    details = desk.directory / "d.toml"
+    details.write_text("began = 2026-03-02\n[item]\nreceived = 2026-03-03\n")
+    refused = desk.rigctl("certificate", desk.store, "--details", "d.toml", "--out", "t.html")
+    refused.refused(
+        2, "d.toml: item.received is 2026-03-03, and the calibration began on 2026-03-02; correct received"
+    )
+    details.write_text("began = 2026-03-02\n[item]\nreceived = 2026-03-02\n")
+    assert desk.rigctl("certificate", desk.store, "--details", "d.toml", "--out", "t.html").status == 0
+
+
 @pytest.mark.parametrize(
     ("table", "said"),
     [("serial = 7", "item.serial is 7, not a text"), ("colour = 'red'", "item.colour is unknown"), ("x", "line ")],

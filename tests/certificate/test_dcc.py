@@ -22,7 +22,7 @@ from rigctl.files.certificate_file import read_details
 PONTIUS = Path(__file__).parents[2] / "examples" / "pontius"
 SCHEMA = Path(__file__).parent / "schemas" / "v3.3.0" / "dcc.xsd"
 NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
-AWKWARD = "<b>Lab</b> & ]]> --> \\u0007 </dcc:document> ΔΩ"
+AWKWARD = "<b>Lab</b> & ]]> --> \\ufffe </dcc:document> ΔΩ"
 
 DETAILS = f"""\
 number = " 2026-017 "
@@ -165,7 +165,7 @@ def test_what_nobody_stated_is_said_so_in_a_valid_document(bare: Any, schema: An
 def test_everything_that_is_stated_stands_in_a_valid_document(stated: Any, schema: Any) -> None:
     root = stated
     schema.assertValid(root)
-    shown = AWKWARD.replace("\\u0007", "\ufffd")
+    shown = AWKWARD.replace("\\ufffe", "\ufffd")
     for path, value in {
         "//dcc:uniqueIdentifier": "2026-017",
         "//dcc:receiptDate": "2026-02-28",
@@ -280,6 +280,16 @@ def test_days_that_go_backwards_are_refused(tmp_path: Path) -> None:
     (tmp_path / "d.toml").write_text("began = 2026-03-02\nended = 2026-03-01\n")
     with pytest.raises(ConfigError, match="ended has to be on the day it began, or later"):
         read_details(tmp_path / "d.toml")
+
+
+@pytest.mark.parametrize("key", ["number", "remarks", "item.serial", "conditions.air"])
+def test_control_characters_are_refused_and_lines_joined(tmp_path: Path, key: str) -> None:
+    path, remarks = tmp_path / "d.toml", key == "remarks"
+    path.write_text(f'{key} = {"[" * remarks}"RC\\u001b[2J-7"{"]" * remarks}\n')
+    with pytest.raises(ConfigError, match=rf"d\.toml: {key}.* has the control character U\+001B; take it out"):
+        read_details(path)
+    path.write_text('laboratory.address = """\n1 Main Street\n\tFirst floor\n"""\n')
+    assert read_details(path).laboratory.address == "1 Main Street First floor"
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,12 @@ def test_what_has_no_title_is_listed_without_one(tmp_path: Path, text: str) -> N
     assert openable({}, tmp_path) == [("odd.toml", "")]
 
 
+def test_what_a_simulated_world_hides_is_not_offered(tmp_path: Path) -> None:
+    for name in ("a.rig.sqlite", "a.rig.sqlite.truth.toml", "b.toml"):
+        (tmp_path / name).touch()
+    assert [name for name, _ in openable({}, tmp_path)] == ["a.rig.sqlite", "b.toml"]
+
+
 @given(st.lists(st.integers(0, 20), max_size=40))
 def test_the_last_that_was_opened_is_first_and_none_is_twice(numbers: list[int]) -> None:
     recent: dict[str, str] = {}
