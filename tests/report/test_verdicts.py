@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigctl.report.quantities import probability, quantity
-from rigctl.report.tables.workbench import ranking_table
+from rigctl.report.tables.workbench import channels_table, ranking_table
 from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_history
 from rigctl.report.verdicts import (
     advice,
@@ -181,6 +181,14 @@ def test_a_channel_that_fits_is_not_marked(capsys: pytest.CaptureFixture[str]) -
     assert "follow no covariate" in told
     assert "49.99 Hz" in told
     assert "Model version 3: baseline + roll-gravity" in told
+
+
+@pytest.mark.parametrize(("series", "marked"), [(1, 1), (14, 0)])
+def test_the_worst_of_many_channels_is_as_bad_as_chance_has_it(series: int, marked: int) -> None:
+    """Chi-square 10 of one datum: p = 0.0016, and 0.02 as the largest of fourteen."""
+    channel = {"channel": "m_y", "component": "", "rms": 1.0, "noise": 1.0, "unit": "1", "data": 1}
+    channels = [{**channel, "chi2": 10.0}, *[{**channel, "chi2": 1.0}] * (series - 1)]
+    assert [row[-1] for row in channels_table({"channels": channels}).rows].count("FAILS") == marked
 
 
 def test_a_version_without_numbers_says_why(capsys: pytest.CaptureFixture[str]) -> None:
