@@ -1,6 +1,6 @@
 """Blind trials on the second worlds, scored.
 
-    python -m tests.foreign.trials --kind sensing-axis|platform|satellite --seeds 0:300 --out FILE
+    python -m tests.foreign.trials --kind sensing-axis|platform|satellite|response --seeds 0:300 --out FILE
 
 One line of JSON for each seed; seeds that stand in the file are not tried again. The analysis sees the bundle only;
 what is hidden is compared with what was said afterwards. A summary of the whole file goes to stdout.
@@ -23,10 +23,11 @@ from benchmarks.trials import add_workers, keep_trials, rows_in, workers_of
 from tests.foreign.isa_score import SENSING_AXIS
 from tests.foreign.kinds import Kind, Trial
 from tests.foreign.platform_score import PLATFORM
+from tests.foreign.response_score import RESPONSE
 from tests.foreign.satellite_score import SATELLITE
 from tests.foreign.sessions import Session, taken_through
 
-KINDS = {"sensing-axis": SENSING_AXIS, "platform": PLATFORM, "satellite": SATELLITE}
+KINDS = {"sensing-axis": SENSING_AXIS, "platform": PLATFORM, "satellite": SATELLITE, "response": RESPONSE}
 
 Json = dict[str, Any]
 
