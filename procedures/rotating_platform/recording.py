@@ -214,7 +214,7 @@ class RecordingUnderWay:
         # The run begins half a period before its first sample.
         times_s: FloatArray = (index + 0.5) * self._period_s + block.late_s
         moving, theta_deg = self._course.moving(times_s), self._course.theta_deg(times_s)
-        rows = self._believed(rows, moving)
+        rows = self._believed(rows, moving, block.first + needless)
         # By the source's own start: its waveform runs since then, not since the run began.
         elapsed_s = self._rig_time_s(0.0) + times_s - self._started.start_s
         tilt = {name: waveform.volts(elapsed_s) for name, waveform in self._started.waveforms.items()}
@@ -232,8 +232,8 @@ class RecordingUnderWay:
         self._course.forget(float(times_s[-1]))
         self._watch(columns)
 
-    def _believed(self, rows: FloatArray, moving: BoolArray) -> FloatArray:
-        """Rows without what cannot be true: from such a sample on nothing of its record is believed."""
+    def _believed(self, rows: FloatArray, moving: BoolArray, first: int) -> FloatArray:
+        """The rows from `first` on without what cannot be true: from such a sample on its record is not believed."""
         meters: tuple[PacingMeter | FollowingMeter, ...] = (self._bench.readout, self._bench.voltmeter)
         for place, meter in enumerate(meters):
             (channel,) = meter.channels()
@@ -243,7 +243,7 @@ class RecordingUnderWay:
                 rows = rows.copy()
                 rows[flaw.sample :, place] = np.nan
                 # From here on replies may be shifted; a new record is in step again.
-                self._stream.give_up(flaw.of(meter.name), len(rows) - flaw.sample)
+                self._stream.give_up(flaw.of(meter.name), range(first + flaw.sample, first + len(rows)))
         return rows
 
     def _now_s(self) -> float:

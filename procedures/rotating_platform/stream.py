@@ -30,7 +30,11 @@ from rigctl.core.interfaces import Instrument, PacingRecorder, StreamedRecorder,
 PREPARE_S = 0.05
 """Setting up the pacing meter for a record that begins at a given time."""
 RETRIES_S = (PREPARE_S, 1.0, 10.0, 60.0, 300.0)
-"""How long to wait before another record, after one failure in a row, after two ...: then the run is given up."""
+"""How long to wait before another record, after one failure in a row, after two ...: then the run is given up.
+
+Failures are in a row until as many rows have come as the last failed record kept back: else a meter whose every
+record gives a few rows before it fails would cost days, and nobody would be told.
+"""
 GRACE_S = 2.0
 """How long after its edge a sample may come."""
 LOOK_S, LOOKS = 0.01, 3
@@ -93,6 +97,7 @@ class Stream:
         self._waiting = [np.empty(0), np.empty(0)]
         self._blocks: list[Block] = []
         self._failures = 0
+        self._owed = 0
         self.lost = 0
         self._overloads = {meter.name: 0 for meter in meters}
 
@@ -138,13 +143,13 @@ class Stream:
         blocks, self._blocks = self._blocks, []
         return blocks
 
-    def give_up(self, error: RigError, doubted: int) -> None:
-        """Begin another record: what came of this one cannot be true, `doubted` rows that were given out already."""
-        self.lost += doubted
+    def give_up(self, error: RigError, doubted: range) -> None:
+        """Begin another record: what came of this one cannot be true, `doubted` of the rows that were given out."""
+        self._lose(doubted)
         if self.finished:
             self._tell(error)
         else:
-            self._recover(error)
+            self._recover(error, len(doubted))
 
     def _take(self) -> None:
         """Rows that both meters have, after waiting for the last of a record that is over."""
@@ -155,8 +160,7 @@ class Stream:
             count = min(len(a), len(b), self._end - self._next)
             self._waiting = [a[count:], b[count:]]
             if count:
-                # Rows that came end a series of failures.
-                self._failures = 0
+                self._came(count)
                 self._give(np.stack([a[:count], b[:count]], axis=1))
             over_s = self._session.clock.now_s() - self.record_ends_s
             if self._next >= self._end or over_s < 0.0:
@@ -209,8 +213,23 @@ class Stream:
         if not self.finished:
             self._pass(self._begin_record(self._next))
 
-    def _recover(self, error: RigError) -> None:
+    def _came(self, count: int) -> None:
+        """So many rows count as measured: they may end a series of failures."""
+        self._owed = max(self._owed - count, 0)
+        if not self._owed:
+            self._failures = 0
+
+    def _lose(self, rows: range) -> None:
+        """Note that nothing, or nothing of one meter, is known of these rows."""
+        if rows:
+            self._session.event("gap", sample=rows.start, samples=len(rows))
+            self.lost += len(rows)
+
+    def _recover(self, error: RigError, doubted: int = 0) -> None:
         """After a record failed: what one meter alone had, and another record."""
+        # What passes until the next record begins is kept back by nobody.
+        due = math.ceil((self._session.clock.now_s() - self._time_s(self._next)) / self._period_s)
+        self._owed = doubted + max(due, 0)
         self._give_unpaired()
         while True:
             if self._failures >= len(RETRIES_S):
@@ -249,14 +268,12 @@ class Stream:
         rows = np.full((count, 2), np.nan)
         rows[: len(a), 0], rows[: len(b), 1] = a[:count], b[:count]
         self._waiting = [np.empty(0), np.empty(0)]
-        self.lost += count
+        self._lose(range(self._next, self._next + count))
         self._give(rows)
 
     def _pass(self, number: int) -> None:
         """Rows up to a sample number, of which nothing is known."""
-        if number > self._next:
-            self._session.event("gap", sample=self._next, samples=number - self._next)
-            self.lost += number - self._next
+        self._lose(range(self._next, number))
         while self._next < number:
             self._give(np.full((min(number - self._next, GAP_ROWS), 2), np.nan))
 

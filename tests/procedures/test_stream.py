@@ -175,7 +175,7 @@ def test_one_glitch_costs_a_gap_and_not_the_run(error: Exception, which: str) ->
     assert 0 < np.isnan(rows).any(axis=1).sum() < 70
     assert [told["error"] for told in hall.of("record-lost")] == [str(error)]
     assert a.starts == b.starts == 2
-    assert sum(told["samples"] for told in hall.of("gap")) <= stream.lost
+    assert sum(told["samples"] for told in hall.of("gap")) == stream.lost == np.isnan(rows).any(axis=1).sum()
 
 
 def test_rows_that_one_meter_alone_has_are_kept() -> None:
@@ -195,6 +195,46 @@ def test_a_meter_that_fails_again_and_again_ends_the_run_with_its_words() -> Non
         stream.fetch()
     assert len(hall.of("record-lost")) == len(RETRIES_S)
     assert hall.clock.now_s() == pytest.approx(3.0 + sum(RETRIES_S), abs=1.0)
+
+
+@pytest.mark.parametrize("which", ["a", "b"])
+def test_a_meter_whose_every_record_fails_after_some_rows_ends_the_run(which: str) -> None:
+    hall, stream, a, b = setting(60_000)
+    # A record gives some rows at the first look after its start, and fails at the next.
+    {"a": a, "b": b}[which]._fails = {fetch: InstrumentError(f"{which}: no number") for fetch in range(2, 400, 3)}
+    stream.begin()
+
+    def look_on() -> None:
+        while not stream.finished:
+            hall.wait_s(2.0)
+            assert sum(len(block.rows) for block in stream.fetch()) > 10
+            hall.wait_s(60.0)
+            stream.fetch()
+
+    with pytest.raises(ProcedureError, match=f"^{len(RETRIES_S) + 1} records in a row failed, .* {which}: no number"):
+        look_on()
+    # The last record's rows are lost as well, and were given up with the run.
+    assert sum(told["samples"] for told in hall.of("gap")) == stream.lost > 3000
+
+
+def test_a_long_silence_is_over_when_a_record_has_given_what_it_kept_back() -> None:
+    hall, stream, _, b = setting(20_000, b={4: LinkLost("b: no connection")})
+    b.dead_until_s = 200.0
+    # A minute and more after it is back, and long before as much has come as was lost meanwhile.
+    b._fails[20] = LinkLost("b: no connection again")
+    rows = everything(hall, stream, 10.0)
+    *silence, again = hall.of("record-lost")
+    assert (len(silence), again["error"]) == (len(RETRIES_S), "b: no connection again")
+    lost = np.isnan(rows[:, 1])
+    assert lost[: again["sample"]].sum() > 2 * (~lost[lost.argmax() : again["sample"]]).sum()
+
+
+def test_records_that_give_more_than_their_failures_cost_go_on() -> None:
+    fails = {look: InstrumentError("b: its memory overflowed") for look in range(5, 200, 5)}
+    hall, stream, _, _ = setting(20_000, b=fails)
+    rows = everything(hall, stream, 20.0)
+    assert len(hall.of("record-lost")) > 2 * len(RETRIES_S)
+    assert np.isnan(rows).any(axis=1).mean() < 0.5
 
 
 def test_a_line_that_was_broken_is_connected_again() -> None:
