@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from procedures.rotating_platform import time_table
-from procedures.rotating_platform.bench import TILT_Y, TILT_Z, PlatformBench, Wanted, Watch
+from procedures.rotating_platform.bench import TILT_Y, TILT_Z, PlatformBench, Wanted
 from procedures.rotating_platform.live_estimate import LiveEstimate
 from procedures.rotating_platform.recording import measure
 from procedures.rotating_platform.tables import ListedRun, Procedure, Turning
@@ -193,7 +193,13 @@ def _record(session: Session, bench: PlatformBench, recording: Recording, estima
         # Inside the run: a run that is repeated after a fault asks for the sensors as they have to lie.
         if recording.g_sign:
             session.operator.flip(recording.g_sign)
-        return measure(session, bench, writer, recording.wanted, _watch(session, recording, estimator))
+        live = _live(session, recording, estimator)
+        conditions = measure(session, bench, writer, recording.wanted, live or _nobody)
+        # One glitch costs a gap; a run of which nothing can be told counts in no result.
+        if live is not None and live.missing:
+            remark = conditions.get("reason")
+            conditions |= {"valid": False, "reason": f"{live.missing}: {remark}" if remark else live.missing}
+        return conditions
 
     # It is not done again, but has left the platform where its table ends.
     if session.recorded(recording.key):
@@ -201,9 +207,9 @@ def _record(session: Session, bench: PlatformBench, recording: Recording, estima
     session.acquire(recording.key, recording.conditions, recorded, bench.apparatus())
 
 
-def _watch(session: Session, recording: Recording, estimator: Estimator) -> Watch:
+def _live(session: Session, recording: Recording, estimator: Estimator) -> LiveEstimate | None:
     if recording.sampled is None:
-        return _nobody
+        return None
     return LiveEstimate(session, recording.sampled, estimator, recording.conditions["periods"])
 
 

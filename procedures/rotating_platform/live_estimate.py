@@ -10,7 +10,7 @@ from rigctl.experiments.rotating_platform.observe.cutter import CellStream
 from rigctl.experiments.rotating_platform.observe.estimates import estimates, outside_guard
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, chains
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, chains
 
 PERIOD = "period"
 """The kind of event that keeps an estimate."""
@@ -30,6 +30,7 @@ class LiveEstimate:
         self._stream = CellStream(believed, pattern.period_s, sampled.sample_rate_hz, **self._guards_s)
         self._rows_to_come = periods * sampled.samples
         self._done = 0
+        self._estimated = dict.fromkeys(CHANNELS, 0)
 
     def __call__(self, columns: Columns) -> None:
         """The next samples of the run, as they are recorded."""
@@ -42,10 +43,18 @@ class LiveEstimate:
         if cells is not None:
             self._tell(cells)
 
+    @property
+    def missing(self) -> str:
+        """Of which channels there is not one estimate, in words; empty when each has some."""
+        without = [READINGS[channel] for channel, estimated in self._estimated.items() if not estimated]
+        return f"no period has enough samples of {' and '.join(without)}" if without else ""
+
     def _tell(self, cells: Cells) -> None:
         series = estimates(cells, outside_guard(cells, **self._guards_s), self._sampled, self._estimator)
         for accel, bias, faults in zip(series.accel_mean, series.bias_mean, series.faults, strict=True):
             self._done += 1
+            for channel, value in zip(CHANNELS, accel, strict=True):
+                self._estimated[channel] += math.isfinite(value)
             accel_m_s2, bias_m_s2 = (dict(zip(CHANNELS, map(_number, each), strict=True)) for each in (accel, bias))
             self._session.event(
                 PERIOD,

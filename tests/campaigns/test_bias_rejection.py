@@ -394,6 +394,22 @@ def test_a_glitch_of_a_meter_costs_a_gap_that_is_told(
     )
 
 
+def test_a_run_of_which_nothing_can_be_told_is_invalid(tmp_path: Path, campaigns: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 2\nv_z_v = [0.0, 0.5]"))
+    text = (campaigns / RIG).read_text()
+    # The second sensor's amplifier is at its stop, for the whole of the first run.
+    fault = "[instruments.q_b.faults]\nsaturation = { at_s = 0.0, lasting_s = 150.0 }\n\n[instruments.q_b]"
+    rig = parse_rig(text.replace("[instruments.q_b]", fault), tmp_path / "rig.toml")
+    store = tmp_path / "x.rig.sqlite"
+    runner.start(read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    (first, lost), (second, _) = runs_of(store)
+    assert np.isnan(lost["q_b_v"]).all()
+    assert not first.valid
+    assert first.reason == "no period has enough samples of q_b_v: q_b: 1200 readings were beyond its range"
+    assert second.valid
+    assert status_of(store)["runs_invalid"] == 1
+
+
 @pytest.mark.parametrize(
     "fault", ["late = { nth = [20], delay_s = 30.0 }", "disconnect = { nth = [20], before = true }"]
 )
