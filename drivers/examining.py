@@ -15,7 +15,12 @@ def asked(step: Step, item: str, look: Callable[[], Finding], look_up: str) -> F
     try:
         return look()
     except InstrumentError as error:
-        return unknown(step, item, f"the question is refused: {error}", look_up)
+        return refused(step, item, error, look_up)
+
+
+def refused(step: Step, item: str, error: InstrumentError, look_up: str) -> Finding:
+    """That the instrument does not answer this question as its manual says."""
+    return unknown(step, item, f"the question is refused: {error}", look_up)
 
 
 def travel(wanted: Range, there: Range, unit: str, keys: tuple[str, str], called: str) -> Finding:
@@ -36,4 +41,6 @@ def at_most(item: str, wanted: float, most: float, unit: str, key: str) -> Findi
     found = f"{wanted:g} {unit} in the rig file, the controller allows {most:g} {unit}"
     if wanted <= most:
         return ok("limits", item, found)
+    if most <= 0.0:
+        return differs("limits", item, found, f"raise the controller's own: no {key} can be as small")
     return differs("limits", item, found, f"write {key} = {most:g}", {key: most})

@@ -9,8 +9,9 @@ import re
 from collections.abc import Iterator
 from functools import partial
 
-from drivers.examining import asked, at_most, travel
+from drivers.examining import asked, at_most, refused, travel
 from drivers.newport_xps_group import DISABLED, NOT_INITIALISED, NOT_REFERENCED, READY, XpsGroup
+from rigctl.core.errors import InstrumentError
 from rigctl.core.findings import Finding, differs, ok, unknown
 from rigctl.core.limits import RotationLimits
 
@@ -90,10 +91,11 @@ def _travel(positioner: str, limits: RotationLimits, wire: XpsGroup) -> Finding:
 
 
 def _maxima(positioner: str, limits: RotationLimits, wire: XpsGroup) -> Iterator[Finding]:
-    reply = wire.query(f"PositionerMaximumVelocityAndAccelerationGet({positioner},double *,double *)")
-    if reply.code:
-        yield unknown("limits", "speed", f"the question for the maxima is refused with {reply.code}", MANUAL)
+    request = f"PositionerMaximumVelocityAndAccelerationGet({positioner},double *,double *)"
+    try:
+        speed_deg_s, acceleration_deg_s2 = wire.numbers(request, 2)
+    except InstrumentError as error:
+        yield refused("limits", "speed", error, MANUAL)
         return
-    speed_deg_s, acceleration_deg_s2 = reply.numbers(2)
     yield at_most("speed", limits.speed_deg_s, speed_deg_s, "deg/s", "speed_deg_s")
     yield at_most("acceleration", limits.acceleration_deg_s2, acceleration_deg_s2, "deg/s2", "acceleration_deg_s2")

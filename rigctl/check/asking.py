@@ -16,6 +16,8 @@ from rigctl.rig import Rig
 Tell = Callable[[str, Finding], None]
 """Takes a finding with the name of its instrument, "" for the rig."""
 
+LOOK_UP = "look the code up in the instrument's manual, and remove its cause"
+
 
 class Asking:
     """Asks one instrument after the other; what differs or fails with one keeps nobody from the next."""
@@ -82,9 +84,12 @@ class Asking:
         self.unusable.add(name)
         # A message is what and where, then the mend.
         what, _, mend = str(error).rpartition("; ")
+        if not what:
+            # An instrument's own words end with no mend.
+            what, mend = mend, LOOK_UP
         step, item = self._step_of(name, error)
         besides = tried_besides(self._rig, name) if step == "found" else ""
-        self._note(name, differs(step, item, f"{what or mend}{besides}", mend))
+        self._note(name, differs(step, item, f"{what}{besides}", mend))
 
     def _step_of(self, name: str, error: RigError) -> tuple[Step, str]:
         if isinstance(error, LinkError):

@@ -9,10 +9,12 @@ from typing import Any
 
 import pytest
 
+from drivers.keysight_meter import Keysight34465A
+from drivers.newport_xps_socket import Reply, XpsSocket
 from rigctl.check.asking import Asking
 from rigctl.check.elsewhere import Elsewhere
 from rigctl.check.record import ASKED_FOR
-from rigctl.core.errors import LinkTimeout
+from rigctl.core.errors import InstrumentError, LinkTimeout
 from rigctl.core.findings import Finding
 from rigctl.files.rig_file import parse_rig, read_rig
 from rigctl.rig import Rig, drivers_of
@@ -99,6 +101,43 @@ def test_what_an_instrument_is_set_to_is_compared(
     assert line.outcome == "differs"
     assert found in line.found
     assert mend in line.mend
+
+
+@pytest.mark.parametrize(
+    ("text", "outcome", "told"),
+    [
+        ("nan,320", "unknown", "'nan' is no number"),
+        ("", "unknown", "expected 2 finite numbers"),
+        ("20,80,1", "unknown", "expected 2 finite numbers"),
+        ("0,0", "differs", "the controller allows 0 deg/s"),
+    ],
+)
+def test_maxima_that_can_be_no_limits_are_told_and_the_check_goes_on(
+    made: Any, monkeypatch: pytest.MonkeyPatch, text: str, outcome: str, told: str
+) -> None:
+    exchange = XpsSocket.exchange
+
+    def odd(socket: XpsSocket, request: str, *how: Any) -> Reply:
+        there = exchange(socket, request, *how)
+        return Reply(0, text) if request.startswith("PositionerMaximumVelocity") else there
+
+    monkeypatch.setattr(XpsSocket, "exchange", odd)
+    lines = asked(made(), "rotation")
+    assert lines["speed"].outcome == outcome
+    assert told in lines["speed"].found
+    # What a rig file cannot hold is no mend of it.
+    assert lines["speed"].rig_file == {}
+    assert "sense and unit" in lines
+
+
+def test_an_error_without_a_mend_sends_to_the_manual(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Keysight34465A) -> None:
+        raise InstrumentError('-113,"Undefined header" after *CLS')
+
+    monkeypatch.setattr(Keysight34465A, "examine", refuse)
+    line = asked(made(), "thermometer")["questions"]
+    assert line.found == '-113,"Undefined header" after *CLS'
+    assert line.mend == "look the code up in the instrument's manual, and remove its cause"
 
 
 STAGE = "integer_registers = 50010           # GlobalIntegers, raised by the operator: a record has one each\n"

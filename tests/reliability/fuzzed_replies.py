@@ -217,6 +217,8 @@ def _act(name: str, build: Build, scripted: Scripted, draw: random.Random, failu
 def _actions(driver: Any, draw: random.Random) -> Sequence[Action]:
     """What the interfaces this driver has let a procedure ask."""
     can: list[Action] = [driver.open, driver.identify, driver.stop]
+    if isinstance(driver, interfaces.Examinable):
+        can.append(lambda: list(driver.examine()))
     for name in ("home", "is_homed", "angle", "position", "rest", "confirm_in_step"):
         if hasattr(driver, name):
             can += [getattr(driver, name)] * 2
