@@ -20,6 +20,12 @@ P = ParamSpec("P")
 
 # A line that still sends other things after so many is used by somebody else.
 REPLIES_BEHIND_MAX = 64
+LINE_ENDS = b"\r\n"
+MEASURE_AGAIN = "replies may have been taken for others: measure again"
+SET_DELIMITER = (
+    "lines end otherwise than they should: set the delimiter of the instrument, or of a terminal server before it, "
+    "as docs/hardware.md says"
+)
 OVERTAKEN_AFTER_S = 0.05
 """How long [s of wall-clock time] somebody urgent waits for an exchange to end by itself; most take a millisecond."""
 
@@ -319,12 +325,13 @@ class Conversation:
 
     def _look_at(self, unread: bytes, question: bytes) -> None:
         if not self._harmless(unread):
-            self._raise_out_of_step(f"{unread[:60]!r} was unread at {question[:60]!r}")
+            mend = MEASURE_AGAIN if unread.strip(LINE_ENDS) else SET_DELIMITER
+            self._raise_out_of_step(f"{unread[:60]!r} was unread at {question[:60]!r}", mend)
 
-    def _raise_out_of_step(self, why: str) -> NoReturn:
+    def _raise_out_of_step(self, why: str, mend: str = MEASURE_AGAIN) -> NoReturn:
         self.doubt()
         self._clear(b"")
-        raise OutOfStep(f"{self._name}: {why}; replies may have been taken for others: measure again")
+        raise OutOfStep(f"{self._name}: {why}; {mend}")
 
     def _send(self, transport: Transport, data: bytes) -> None:
         try:

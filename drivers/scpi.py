@@ -183,11 +183,14 @@ class ScpiLink:
         # Refused by its announced length, before it is waited for.
         if int(digits) > longest:
             raise self.bad_reply(query, _text(start + digits), f"at most {longest} bytes")
-        # With the line feed that ends the message.
-        payload = transport.read_exactly(int(digits) + 1, self.timeout_s)
-        if payload[-1:] != b"\n":
+        # With the line feed that ends the message, before which a gateway may put a carriage return, as in a line.
+        length = int(digits)
+        payload = transport.read_exactly(length + 1, self.timeout_s)
+        if payload[length:] == b"\r":
+            payload += transport.read_exactly(1, self.timeout_s)
+        if payload[length:] not in (b"\n", b"\r\n"):
             raise self.bad_reply(query, _text(payload[-20:]), "a line feed after the block")
-        return payload[:-1]
+        return payload[:length]
 
 
 def _text(line: bytes) -> str:

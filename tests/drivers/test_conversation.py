@@ -218,6 +218,25 @@ def test_what_is_unread_at_a_question_is_told_once_and_the_next_connection_is_in
     assert (first.written, second.written) == ([b"a?", b"halt"], [b"b?"])
 
 
+@pytest.mark.parametrize(
+    ("stray", "mend"),
+    [
+        (b"\n", "set the delimiter of the instrument, or of a terminal server"),
+        (b"\r\n", "set the delimiter of the instrument, or of a terminal server"),
+        (b"1\r\n", "replies may have been taken for others: measure again"),
+    ],
+)
+def test_what_is_unread_says_what_to_do(stray: bytes, mend: str) -> None:
+    first, second = Wire([b"1"]), Wire([b"2"])
+    talk = conversation(first, second)
+    talk.open()
+    talk.ask(b"a?", line)
+    first.stray = stray
+    with pytest.raises(OutOfStep, match=mend):
+        talk.ask(b"b?", line)
+    assert talk.ask(b"b?", line) == b"2"
+
+
 def test_late_replies_are_read_past_and_so_are_those_to_earlier_check_questions() -> None:
     wire = Wire([b"", b"", b"late", b"me", b"me", b"own"])
     talk = conversation(wire, anew=False)

@@ -499,12 +499,14 @@ def test_what_no_manual_allows_is_a_bad_reply(
         _ = meter.start(4, 0.01) if "SYST:ERR?" in script else meter.fetch()
 
 
-@given(st.lists(st.floats(-1e6, 1e6), max_size=30), st.booleans(), st.integers(1, 40))
-def test_any_block_survives_the_wire(values: list[float], as_text: bool, piece: int) -> None:
+@given(
+    st.lists(st.floats(-1e6, 1e6), max_size=30), st.booleans(), st.integers(1, 40), st.sampled_from([b"\n", b"\r\n"])
+)
+def test_any_block_survives_the_wire(values: list[float], as_text: bool, piece: int, end: bytes) -> None:
     transfer = "ascii" if as_text else "real64"
     payload = ",".join(map(repr, values)).encode() if as_text else np.array(values, ">f8").tobytes()
     length = str(len(payload))
-    block = f"#{len(length)}{length}".encode() + payload + b"\n"
+    block = f"#{len(length)}{length}".encode() + payload + end
     there = f"{len(values):+d}\n".encode()
     meter, _ = scripted({f"R? {len(values)}": block, "DATA:POIN?": there}, piece, transfer=transfer)
     meter.open()
