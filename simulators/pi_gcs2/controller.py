@@ -21,6 +21,10 @@ SYNTAX, UNKNOWN, NO_REFERENCE, OUT_OF_LIMITS, TOO_FAST, STOPPED, NO_AXIS, OUT_OF
     1, 2, 5, 7, 8, 10, 15, 17, 24,
 )  # fmt: skip
 MOTION_ERROR = 1024
+MOVING, READY, STOP = "\x05", "\x07", "\x18"
+_SINGLE = re.compile(f"([{MOVING}{READY}{STOP}])".encode())
+"""What is a command by itself, without a line end and wherever it comes."""
+IS_READY = "\xb1"
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
@@ -52,6 +56,15 @@ class SimulatedGcs2:
         self._off = False
         self._servo = self._referenced = False
         self._wake()
+        self._of_controller: dict[str, Callable[[], str]] = {
+            MOVING: lambda: f"{int(self._moving()):X}",
+            READY: lambda: IS_READY,
+            "*IDN?": lambda: self._settings.identity,
+            "ERR?": self._take_error,
+            "SAI?": lambda: self._settings.axis,
+            "SAI? ALL": lambda: self._settings.axis,
+            "HLP?": self._help,
+        }
         self._queries: dict[str, Callable[[], str]] = {
             "POS": lambda: self._number(self._reading_deg()),
             "MOV": lambda: self._number(self._target_deg),
@@ -68,6 +81,7 @@ class SimulatedGcs2:
             self._queries["PUN"] = lambda: self._settings.unit
         self._commands: dict[str, Callable[[float], None]] = {
             "MOV": self._move,
+            "MVR": lambda step_deg: self._move(self._target_deg + step_deg),
             "SVO": self._switch,
             "VEL": self._set_speed,
             "ACC": self._set_acceleration,
@@ -124,19 +138,12 @@ class SimulatedGcs2:
         self._acceleration_deg_s2: float = 40.0
 
     def _execute(self, line: str) -> str | None:
-        if line == "\x05":
-            return f"{int(self._moving()):X}"
         words = line.upper().split()
+        if (tell := self._of_controller.get(" ".join(words))) is not None:
+            return tell()
         match words:
             case []:
                 return None
-            case ["*IDN?"]:
-                return self._settings.identity
-            case ["ERR?"]:
-                code, self._error = self._error, 0
-                return str(code)
-            case ["SAI?"]:
-                return self._settings.axis
             case ["\x18"] | ["STP"] | ["HLT", *_]:
                 self._stop()
                 return None
@@ -151,6 +158,16 @@ class SimulatedGcs2:
                 self._commands[command](_value(value))
                 return None
         raise Refused(COUNT if words[0] in {*self._commands, "FRF"} else UNKNOWN)
+
+    def _take_error(self) -> str:
+        code, self._error = self._error, 0
+        return str(code)
+
+    def _help(self) -> str:
+        others = ["#5", "#7", "#24", "*IDN?", "ERR?", "FRF", "HLP?", "HLT", "SAI?", "STP"]
+        lines = sorted([*others, *self._commands, *(f"{query}?" for query in self._queries)])
+        # A line that is followed by another ends with a space.
+        return " \n".join(["The following commands are valid:", *lines, "end of help"])
 
     def _tell(self, query: str, axes: list[str]) -> str:
         if query not in self._queries:
@@ -268,11 +285,17 @@ class Client:
     def receive(self, data: bytes) -> None:
         """Take bytes: lines, and single characters that need no line end."""
         with self._controller.clock.lock:
-            self._received += data.replace(b"\x05", b"\x05\n").replace(b"\x18", b"\x18\n")
-            *lines, self._received = self._received.split(b"\n")
-            for line in lines:
-                if (reply := self._controller.answer(line.decode("latin-1"))) is not None:
-                    self._send(reply.encode("latin-1") + b"\n")
+            for piece in _SINGLE.split(data):
+                if _SINGLE.fullmatch(piece):
+                    self._answer(piece)
+                    continue
+                *lines, self._received = (self._received + piece).split(b"\n")
+                for line in lines:
+                    self._answer(line)
+
+    def _answer(self, line: bytes) -> None:
+        if (reply := self._controller.answer(line.decode("latin-1"))) is not None:
+            self._send(reply.encode("latin-1") + b"\n")
 
     def close(self) -> None:
         """The client has gone."""

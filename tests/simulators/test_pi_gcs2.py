@@ -23,7 +23,7 @@ class Bench:
 
     def __call__(self, line: str) -> str:
         self.connection.receive(line.encode() + (b"" if len(line) == 1 else b"\n"))
-        reply = self.received.decode()
+        reply = self.received.decode("latin-1")
         self.received.clear()
         return reply
 
@@ -68,6 +68,34 @@ def test_what_is_refused_is_not_answered_and_leaves_its_code(line: str, code: in
     bench = Bench()
     assert bench(line) == ""
     assert bench("ERR?") == f"{code}\n"
+
+
+def test_single_characters_are_answered_wherever_they_come() -> None:
+    bench = Bench()
+    assert bench("\x07") == "\xb1\n"
+    bench("SVO 1 1")
+    bench("FRF 1")
+    # Within a line of another, as from a second program; the line is not cut by it.
+    assert bench("SVO\x05? 1") == "1\n1=1\n"
+    bench("MVR 1 2.5")
+    assert bench("ERR?") == "5\n"
+    bench.clock.sleep_s(3.0)
+    bench("MOV 1 5")
+    bench("MVR 1 2.5")
+    assert bench("MOV? 1") == "1=7.500000\n"
+    # The motion is stopped, and the command that it stood in is carried out.
+    assert bench("MO\x18V 1 1") == ""
+    assert (bench("MOV? 1"), bench("ERR?")) == ("1=1.000000\n", "10\n")
+
+
+def test_help_lists_what_is_answered() -> None:
+    bench = Bench()
+    first, *commands, last = bench("HLP?").removesuffix("\n").split("\n")
+    assert all(line.endswith(" ") for line in (first, *commands))
+    assert not last.endswith(" ")
+    assert {"#5 ", "#7 ", "MOV ", "MOV? ", "FRF ", "FRF? ", "POS? ", "PUN? "} <= set(commands)
+    assert bench("SAI? ALL") == "1\n"
+    assert bench("ERR?") == "0\n"
 
 
 def test_the_harder_reading() -> None:
