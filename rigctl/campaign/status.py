@@ -13,6 +13,9 @@ from rigctl.campaign.session.questions import open_question
 from rigctl.campaign.store.entries import IMPORTED, RUN_REPEATED
 from rigctl.campaign.store.store import Store
 
+REMARKS_MAX = 3
+"""So many of the latest remarks are told."""
+
 
 def status_of(path: Path) -> dict[str, Any]:
     """The status of the campaign in a store; one whose process is gone is `interrupted`. `DataError`."""
@@ -37,6 +40,7 @@ def status_in(store: Store) -> dict[str, Any]:
     # Of a table rows are marked in the file: there, it is one run.
     imported = None if store.header.table is None else store.last_event(IMPORTED)
     of_table = {} if imported is None else {"readings_invalid": len(imported.data["invalid"])}
+    repeat = store.last_event(RUN_REPEATED)
     # A study has runs whose samples nobody keeps.
     done = max(int(status.get("runs_done", 0)), finished)
     planned = max(int(status["runs_planned"]), done)
@@ -47,6 +51,11 @@ def status_in(store: Store) -> dict[str, Any]:
         "runs_invalid": invalid,
         **of_table,
         "runs_repeated": repeats_in(store),
+        "last_repeat": None if repeat is None else {key: repeat.data[key] for key in ("key", "reason")},
+        "remarks": [
+            {"run_id": run.run_id, "valid": run.valid, "reason": run.reason}
+            for run in store.remarked_runs(REMARKS_MAX)
+        ],
         "killed": killed,
         "heartbeat_age_s": beat_age_s(store.path) if alive else None,
         # Of a campaign that has ended nobody waits for the answer.

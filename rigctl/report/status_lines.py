@@ -40,4 +40,9 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
     if rows := status.get("readings_invalid"):
         lines.append(f"{counted(rows, 'reading')} left out, marked invalid in readings.csv")
     lines += [str(status.get("step", "")), repeats_line(status.get("runs_repeated", {}))]
+    if repeat := status.get("last_repeat"):
+        lines.append(f"last repeated: {repeat['key']}, because of: {repeat['reason']}")
+    for remark in status.get("remarks", []):
+        what = "remark on" if remark["valid"] else "invalid is"
+        lines.append(f"{what} run {remark['run_id']}: {remark['reason']}")
     return list(filter(None, lines))

@@ -30,6 +30,7 @@ from rigctl.core.errors import (
     RigError,
     SafetyStop,
 )
+from rigctl.report.status_lines import status_lines
 from simulators.clock import VirtualClock
 
 
@@ -289,7 +290,10 @@ def test_the_echo_of_an_abort_is_no_fault(scene: Scene) -> None:
 def test_the_status_says_how_many_runs_were_repeated_and_why(scene: Scene) -> None:
     scene.faults = [LinkTimeout("stage: waited"), LinkTimeout("stage: waited"), InstrumentError("laser: few")]
     scene.acquire()
-    assert status_in(scene.store)["runs_repeated"] == {"LinkTimeout": 2, "InstrumentError": 1}
+    status = status_in(scene.store)
+    assert status["runs_repeated"] == {"LinkTimeout": 2, "InstrumentError": 1}
+    assert status["last_repeat"]["reason"] == "laser: few"
+    assert f"last repeated: {status['last_repeat']['key']}, because of: laser: few" in status_lines(status)
 
 
 @pytest.mark.parametrize(("safety", "error"), [([], "InstrumentError"), (["emergency stop"] * 2, "SafetyStop")])

@@ -159,6 +159,11 @@ class Store:
         rows = self._rows.read("SELECT COUNT(*), COALESCE(SUM(NOT valid), 0) FROM runs WHERE state = 'finished'")
         return int(rows[0][0]), int(rows[0][1])
 
+    def remarked_runs(self, most: int) -> list[RunRecord]:
+        """The latest finished runs with a reason, of which something was remarked or which are invalid; cheap."""
+        chosen = "WHERE state = 'finished' AND reason <> '' ORDER BY number DESC LIMIT ?"
+        return [_record(row) for row in self._rows.rows("runs", chosen, (most,))]
+
     def interrupted_runs(self) -> list[RunRecord]:
         """Runs begun and never finished: cut off or, while a campaign is at it, still `acquiring`."""
         return [_record(row) for row in self._rows.rows("runs", "WHERE state <> 'finished' ORDER BY number")]
