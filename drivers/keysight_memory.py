@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from drivers.numbers import CHARACTERS_MAX, decimal
-from drivers.scpi import ScpiLink
+from drivers.scpi import ScpiLink, shown
 from rigctl.core.arrays import FloatArray
 
 OVERLOAD = 9.9e37
@@ -50,7 +50,7 @@ class ReadingMemory:
         try:
             values = self._decode(payload)
         except ValueError as error:
-            raise self._link.bad_reply(query, payload[:60].decode("ascii", "replace"), str(error)) from None
+            raise self._link.bad_reply(query, shown(payload[:60]), str(error)) from None
         if len(values) != count:
             raise self._link.bad_reply(query, f"{len(values)} readings", f"{count}")
         return np.where(np.abs(values) >= OVERLOAD, np.nan, values)
@@ -70,6 +70,8 @@ def _from_doubles(payload: bytes) -> FloatArray:
         raise ValueError("a whole number of 8-byte doubles")
     # FORM:BORD NORM is big-endian.
     values = np.frombuffer(payload, dtype=">f8").astype(np.float64)
-    if not np.isfinite(values).all():
-        raise ValueError("finite numbers")
+    finite = np.isfinite(values)
+    if not finite.all():
+        place = int(finite.argmin())
+        raise ValueError(f"finite numbers, but number {place + 1} of {values.size} is {values[place]:g}")
     return values

@@ -189,9 +189,15 @@ class ScpiLink:
         if payload[length:] == b"\r":
             payload += transport.read_exactly(1, self.timeout_s)
         if payload[length:] not in (b"\n", b"\r\n"):
-            raise self.bad_reply(query, _text(payload[-20:]), "a line feed after the block")
+            raise self.bad_reply(query, shown(payload[-20:]), "a line feed after the block")
         return payload[:length]
 
 
 def _text(line: bytes) -> str:
     return line.decode("ascii", "replace").strip("\r\n")
+
+
+def shown(data: bytes) -> str:
+    """A piece of a reply as a message has it: as text where it is text, otherwise in hex."""
+    text = _text(data)
+    return text if data.isascii() and text.isprintable() else f"{data[:16].hex(' ')} (hex)"

@@ -1,6 +1,7 @@
 """The 34465A driver against its simulator, against golden bytes, and against misbehaving instruments."""
 
 import math
+import struct
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -483,6 +484,13 @@ def test_silence_is_a_time_out() -> None:
         ({"R? 4": b"#171,2,3,4,5\n"}, "ascii", BadReply, "line feed"),
         ({"R? 4": b"#191,2,3,4,5\n"}, "ascii", BadReply, "5 readings.*expected 4"),
         ({"R? 4": b"#15+1.0,\n"}, "real64", BadReply, "8-byte doubles"),
+        (
+            {"R? 4": b"#232" + struct.pack(">4d", 1.0, 2.0, math.nan, 4.0) + b"\n"},
+            "real64",
+            BadReply,
+            r"answered '3f f0 .* \(hex\)', expected finite numbers, but number 3 of 4 is nan",
+        ),
+        ({"R? 4": b"#18" + struct.pack(">2d", 1.0, 2.0)}, "real64", BadReply, r"40 \(hex\)', expected a line feed"),
         ({"R? 4": b"#248" + b"+1.0"}, "real64", LinkTimeout, r"no reply to R\? 4; the instrument says \+0"),
         ({"STAT:QUES:EVEN?": b"what\n", "DATA:POIN?": b"+0\n"}, "ascii", BadReply, "a (whole )?number"),
         ({"SYST:ERR?": b"fine\n"}, "ascii", BadReply, "a code and a text"),
