@@ -51,7 +51,7 @@ def status_in(store: Store) -> dict[str, Any]:
         "runs_invalid": invalid,
         **of_table,
         "runs_repeated": repeats_in(store),
-        "last_repeat": None if repeat is None else {key: repeat.data[key] for key in ("key", "reason")},
+        "last_repeat": None if repeat is None else {key: repeat.data.get(key, "") for key in ("key", "reason")},
         "remarks": [
             {"run_id": run.run_id, "valid": run.valid, "reason": run.reason}
             for run in store.remarked_runs(REMARKS_MAX)

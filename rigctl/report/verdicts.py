@@ -52,7 +52,9 @@ def comparison_sentence(comparison: Findings) -> str:
     p, reduced, dof = comparison["p_value"], comparison["chi2_per_dof"], comparison["dof"]
     if dof <= 0:
         return "There are no more data than parameters: nothing can be said of the model."
-    figures = f"chi2/dof = {number(reduced)} with {dof} degrees of freedom, {p_value(p)}"
+    # Not that of chi-square alone, which a reader would work out and miss.
+    asked = "for chi2, effects and shapes together"
+    figures = f"chi2/dof = {number(reduced)} with {dof} degrees of freedom; {p_value(p)} {asked}"
     if p is not None and p < ADEQUATE_P:
         return f"The model does not describe the data: {figures}."
     return f"The model describes the data within their noise: {figures}."

@@ -160,8 +160,12 @@ class Store:
         return int(rows[0][0]), int(rows[0][1])
 
     def remarked_runs(self, most: int) -> list[RunRecord]:
-        """The latest finished runs with a reason, of which something was remarked or which are invalid; cheap."""
-        chosen = "WHERE state = 'finished' AND reason <> '' ORDER BY number DESC LIMIT ?"
+        """The latest finished runs with a reason, of which something was remarked or which are invalid.
+
+        Cheap, as only the last thousand are looked at.
+        """
+        late = "number > (SELECT MAX(number) FROM runs) - 1000"
+        chosen = f"WHERE {late} AND state = 'finished' AND reason <> '' ORDER BY number DESC LIMIT ?"
         return [_record(row) for row in self._rows.rows("runs", chosen, (most,))]
 
     def interrupted_runs(self) -> list[RunRecord]:
