@@ -4,11 +4,13 @@
 covariance is the inverse of J^T J as it stands. Gauss-Newton steps by orthogonal decomposition of the
 column-scaled Jacobian, damped (Levenberg-Marquardt) only where the full step does not descend, by as much as the
 linear model has failed (H. B. Nielsen, IMM-REP-1999-05): along a curved valley steps stay as long as it allows.
+A fit that has not ended by then learns from its steps what the second derivatives add.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -29,6 +31,9 @@ _CHI2_LEFT, _CHI2_ROUNDING = 1e-8, 1e-13
 _CHI2_AIMED_AT = 1e-14
 # A parameter with less than this share of a null direction is in it by rounding only.
 _NULL_SHARE = 1e-5
+
+# So many steps go by the first derivatives alone: most fits have ended by then.
+_PLAIN = 15
 
 # Of the damping, in units of the largest eigenvalue of the unit columns' Gram matrix: the first, and what is none.
 _LEAST_DAMPING, _NO_DAMPING = 1e-6, 1e-7
@@ -120,17 +125,18 @@ def least_squares(
     p = problem.start()
     state = problem.linearise(p, problem.extended(p))
     damping, growth, iterations = 0.0, 2.0, 0
+    curvature = _Curvature()
     while iterations < max_iterations and state.predicted_fall > _CHI2_AIMED_AT * state.chi2:
         iterations += 1
-        trial = problem.clipped(state.p + state.step(damping))
-        # A step too far may leave the model's domain or overflow: it is then refused like any other ascent.
-        with np.errstate(all="ignore"):
-            r = problem.extended(trial)
-            descends = bool(r @ r < state.chi2)
-        if descends:
+        if (step := curvature.step(state)) is not None and (r := problem.at(state, step)) is not None:
+            state = curvature.learnt(state, problem.linearise(problem.clipped(state.p + step), r))
+            continue
+        step = state.step(damping)
+        if (r := problem.at(state, step)) is not None:
             damping, growth = damping * state.relief(damping, float(r @ r)), 2.0
             damping = damping if damping > _NO_DAMPING else 0.0
-            state = problem.linearise(trial, r)
+            after = problem.linearise(problem.clipped(state.p + step), r)
+            state = curvature.learnt(state, after) if iterations > _PLAIN else after
         # A step this short that still ascends: the derivative is wrong, or chi-squared is at its rounding.
         elif damping > 1e8 or state.is_close:
             break
@@ -185,6 +191,54 @@ class _State:
         return np.asarray(root @ root.T)
 
 
+class _Curvature:
+    """What second derivatives of the model add to J^T J, learnt from steps (Dennis, Gay and Welsch, ACM Trans. Math.
+    Softw. 7 (1981) 348).
+
+    Where a model is far from its data, steps by J^T J alone go to and fro across a valley and creep along it.
+    """
+
+    def __init__(self) -> None:
+        self._active: IntArray | None = None
+        self._added = np.zeros((0, 0))
+
+    def learnt(self, before: _State, after: _State) -> _State:
+        """The state after a step that descended, from which this has learnt."""
+        if self._active is None or not np.array_equal(self._active, before.active):
+            self._active, self._added = before.active, np.zeros((before.active.size,) * 2)
+        if not np.array_equal(before.active, after.active):
+            return after
+        moved = (after.p - before.p)[self._active]
+        old, new = (each.J[:, self._active] for each in (before, after))
+        turned = old.T @ before.r - new.T @ after.r
+        bent = (old - new).T @ after.r
+        along = float(turned @ moved)
+        if along > 0.0:
+            known = self._added @ moved
+            size = abs(float(moved @ known))
+            # What was learnt farther away is too much where the residuals have become small.
+            share = min(1.0, abs(float(moved @ bent)) / size) if size > 0.0 else 1.0
+            off = bent - share * known
+            self._added = share * self._added + (np.outer(off, turned) + np.outer(turned, off)) / along
+            self._added -= float(moved @ off) * np.outer(turned, turned) / along**2
+        return after
+
+    def step(self, state: _State) -> FloatArray | None:
+        """Where the quadratic model has its minimum, over all parameters; None where nothing is learnt, or it has
+        none."""
+        inverse = state.triangle.certain_inverse
+        if self._active is None or inverse is None or not np.array_equal(self._active, state.active):
+            return None
+        root = inverse / state.scale[:, None]
+        with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+            # In units in which J^T J is the unit matrix.
+            lower = np.linalg.cholesky(np.eye(len(root)) + root.T @ self._added @ root)
+            step = np.zeros(state.p.size)
+            step[self._active] = root @ np.linalg.solve(lower.T, np.linalg.solve(lower, state.projected))
+            return step
+        return None
+
+
 def _lengths(columns: FloatArray) -> FloatArray:
     """Lengths of columns, of those too whose squares overflow: an exponential far from its data."""
     with np.errstate(over="ignore", invalid="ignore"):
@@ -232,6 +286,13 @@ class _Problem:
         """Residuals with those of the priors (mean - p) / sigma appended."""
         data = np.asarray(self._residuals(p), dtype=np.float64).ravel()
         return np.concatenate([data, (self.prior_mean - p[self.with_prior]) / self.prior_sigma])
+
+    def at(self, state: _State, step: FloatArray) -> FloatArray | None:
+        """Residuals after a step that descends; None where it does not."""
+        # A step too far may leave the model's domain or overflow: it is then refused like any other ascent.
+        with np.errstate(all="ignore"):
+            r = self.extended(self.clipped(state.p + step))
+            return r if r @ r < state.chi2 else None
 
     def linearise(self, p: FloatArray, r: FloatArray) -> _State:
         J = self._derivative(p, r)

@@ -131,6 +131,22 @@ class TestNonlinear:
         assert "could still fall" in fit.reason
 
 
+class TestFarFromTheData:
+    """Steps by the first derivatives alone go to and fro across a valley and creep along it."""
+
+    T = np.arange(1, 21) / 5.0
+
+    def brown_and_dennis(self, p):
+        """More, Garbow and Hillstrom, ACM Trans. Math. Softw. 7 (1981) 17, no. 16."""
+        return (p[0] + self.T * p[1] - np.exp(self.T)) ** 2 + (p[2] + p[3] * np.sin(self.T) - np.cos(self.T)) ** 2
+
+    def test_converges_all_the_same(self):
+        starts = zip("abcd", (25.0, 5.0, -5.0, -1.0), strict=True)
+        fit = least_squares(self.brown_and_dennis, [Parameter(name, start) for name, start in starts])
+        assert fit.verdict == "converged"
+        assert fit.chi2 == pytest.approx(85822.2, abs=0.05)
+
+
 class TestWhatTheDataCannotSay:
     def redundant(self, p):
         return (1.0 + X - p[0] * X - p[1] - 2.0 * p[2]) / 0.1
