@@ -85,7 +85,7 @@ class PlatformRuns:
     across: FloatArray = field(default_factory=lambda: np.zeros(0))
     signal: FloatArray = field(default_factory=lambda: np.zeros(0))
     afterwards: Afterwards | None = None
-    kept: dict[tuple[str, float], AfterMotion] = field(default_factory=dict, init=False)
+    kept: dict[str, tuple[float, AfterMotion]] = field(default_factory=dict, init=False)
 
     @property
     def warmer(self) -> FloatArray:
@@ -118,10 +118,10 @@ class PlatformRuns:
         # Without a recording a size may be an array, as a drawn signature's is.
         if self.afterwards is None:
             return make(value)
-        if (what, value) not in self.kept:
-            self.kept.clear()
-            self.kept[what, value] = make(value)
-        return self.kept[what, value]
+        # Of each kind by itself: a model of two kinds asks for both in turn.
+        if what not in self.kept or self.kept[what][0] != value:
+            self.kept[what] = value, make(value)
+        return self.kept[what][1]
 
     def _late(self, delay_s: float) -> AfterMotion:
         return self._after_motion(None if self.afterwards is None else self.afterwards.late(delay_s))
