@@ -228,7 +228,8 @@ class Line:
     """A steady line in the samples that belongs to no harmonic of the drive: the term that would describe it.
 
     `p_value` is that of the power under noise, corrected for the frequencies tried; `held_out_error_ratio` after over
-    before on the spectrum of held-out runs. `parameters` as in `rigctl diagnose --json`.
+    before on the spectrum of held-out runs. `parameters` as in `rigctl diagnose --json`. A line that is `in_data`
+    changes what models are fitted to, as effects do.
     """
 
     term: Term
@@ -240,6 +241,7 @@ class Line:
     p_value: float
     held_out_error_ratio: float
     parameters: Mapping[str, Mapping[str, Any]]
+    in_data: bool = False
 
 
 class Study(Protocol):

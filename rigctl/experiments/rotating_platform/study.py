@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any, ClassVar
 
@@ -13,7 +14,7 @@ from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.rotating_platform.model.model import PlatformModel, slopes_at_zero, slopes_elsewhere
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
-from rigctl.experiments.rotating_platform.observe.line_spectra import found_lines
+from rigctl.experiments.rotating_platform.observe.line_spectra import found_lines, harmonic_lines
 from rigctl.experiments.rotating_platform.observe.observables import READ, TURN_CYCLES
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.store_reduction import refined_line
@@ -134,12 +135,13 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
         reduced = self.data.recorded.reduced(lines_hz)
         periods_s = [each.run.cells.period_s for each in reduced.channels.channels]
         longest_s = reduced.spectra.scan.longest_s
-        lines = []
-        for rough in found_lines(reduced.spectra, periods_s):
+        in_data, lines = harmonic_lines(reduced.spectra), []
+        for rough in (*in_data, *found_lines(reduced.spectra, periods_s)):
             line, channel = refined_line(self.source, reduced.runs, lines_hz, rough)
             term = Term(LINE, {"frequency_hz": line.frequency_hz})
             # The powers of both channels were summed: it is one line, told of the channel that shows it best.
-            lines.append(steady_line(line, term, READ[channel], "m/s2", longest_s))
+            told = steady_line(line, term, READ[channel], "m/s2", longest_s)
+            lines.append(replace(told, in_data=rough in in_data))
         return lines
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:

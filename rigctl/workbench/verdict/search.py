@@ -242,6 +242,8 @@ class Search:
         return attempt.chi2_with(noise) + added * float(np.log(len(attempt.result.residuals)))
 
     def _climb(self) -> None:
+        # What lines do to the data effects would be taken for.
+        self._add_lines(self.attempt(self.terms), in_data=True)
         while len(self.suggested) < MOST_TERMS:
             attempt = self.attempt(self.terms)
             if self._is_beaten(attempt):
@@ -376,7 +378,8 @@ class Search:
         last, dropped = terms[asked:], list[str]()
         while True:
             fitted = self.attempt(terms)
-            added = [term for term in terms if term not in self.given and term not in last]
+            lines = {line.term for line in self.lines}
+            added = [term for term in terms if term not in self.given and term not in (*last, *lines)]
             # What stands out far enough is needed beyond doubt.
             doubted = [
                 term
@@ -406,10 +409,13 @@ class Search:
         dimension = sum(owner == term.effect for owner in with_it.model.owners)
         return float(p_of(max(fall, 0.0), max(dimension, 1), without.dof_of(term.effect)))
 
-    def _add_lines(self, attempt: Attempt) -> None:
-        significant = [line for line in self.study.lines(attempt.model) if line.p_value < LINES_SHARE * self.alpha]
-        self.lines = sorted(significant, key=lambda line: line.p_value)
-        for line in self.lines:
+    def _add_lines(self, attempt: Attempt, *, in_data: bool = False) -> None:
+        """Lines of the samples that are significant, or those of them alone that are `in_data`."""
+        asked = [line for line in self.study.lines(attempt.model) if line.in_data or not in_data]
+        significant = [line for line in asked if line.p_value < LINES_SHARE * self.alpha]
+        found = sorted(significant, key=lambda line: line.p_value)
+        self.lines = [*(line for line in self.lines if line.term in self.terms), *found]
+        for line in found:
             if line.term not in self.terms and len(self.suggested) < MOST_TERMS:
                 self.terms = (*self.terms, line.term)
                 self.moves.append(Move(self.terms, line.term.effect, ()))

@@ -307,6 +307,50 @@ def test_each_of_several_lines_is_ranked_as_itself() -> None:
     assert found == pytest.approx({0.237: 2e-5, 1.714: 1e-5}, rel=0.03)
 
 
+def swayed(amplitude_m_s2: float, frequency_hz: float) -> PlatformStudy:
+    """A recording whose sensor A sees a sine."""
+
+    def spoil(_: int, samples: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        wave = amplitude_m_s2 * np.sin(2.0 * np.pi * frequency_hz * samples["t_s"])
+        return {**samples, "q_a_v": samples["q_a_v"] + 846.73 * wave}
+
+    return PlatformStudy(sampled(PlatformSettings(kind="rotating-platform", seed=25), RUNS, spoil))
+
+
+def test_a_line_on_a_harmonic_of_the_modulation_is_a_line_and_no_effect_of_the_turns() -> None:
+    """All periods have it alike, as what turns leave behind: effects took its place one after the other."""
+    hidden = swayed(2e-5, 7.0 / 60.0)
+    (line,) = hidden.lines(hidden.model(()))
+    assert line.in_data
+    assert line.channel == "m_z"
+    assert line.frequency_hz == pytest.approx(7.0 / 60.0, abs=1e-5)
+    found = diagnose(hidden, ())
+    assert [term.effect for term in found.suggested] == ["line"]
+    assert found.verdict == "effect"
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"recovery": {"e": 3e-4, "t_r": 40.0}},
+        {"recovery-signed": {"e": 3e-4, "t_r": 4.0}},
+        {"filter-ringing": {"r_cos": 0.05, "r_sin": 0.05, "cutoff": 1.0}},
+    ],
+)
+def test_what_turns_leave_behind_is_no_line(effects: dict[str, dict[str, float]]) -> None:
+    hidden = study(effects)
+    assert not [line for line in hidden.lines(hidden.model(())) if line.in_data]
+
+
+def test_a_model_of_two_motions_works_out_once_what_each_leaves(clean: PlatformStudy) -> None:
+    model = clean.model(())
+    run = at_rest(clean.recorded, "z", np.array([each.start for each in model.parameters]))
+    late, ringing = run.late(0.2), run.ringing(2.0)
+    other_amplitudes = run.at(signal=2.0 * run.signal)
+    assert other_amplitudes.late(0.2) is late
+    assert other_amplitudes.ringing(2.0) is ringing
+
+
 def test_an_effect_of_ones_own_is_fitted(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(

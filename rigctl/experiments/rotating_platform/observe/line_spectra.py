@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -15,7 +16,7 @@ from rigctl.analysis.line_scan import MAX_BINS, FoundLine, LineScan, ScannedRun
 from rigctl.analysis.lines import vertex
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
-from rigctl.experiments.rotating_platform.observe.lines import residual_blocks, size_of_line
+from rigctl.experiments.rotating_platform.observe.lines import ResidualBlock, residual_blocks, size_of_line
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 
 # A level from so many bins is known to 6 %, pi / sqrt(6 * 401).
@@ -25,15 +26,37 @@ _LOWEST = 2.5
 # What the periods' mean takes of a line is corrected for up to a quarter (decision 022).
 _LEAST_LEFT = 0.75
 _BANDS, _FEWEST_IN_BAND = 24, 30
-_SCAN, _PEAKS = "scan", "peaks"
+_SCAN, _PEAKS, _ALIKE = "scan", "peaks", "alike"
+# Modulation frequencies that are looked at in what all periods have alike.
+_MOST_HARMONICS = 4096
+# Of the power of a line there: what else may be alike, of which what turns leave behind has a tenth and more beside
+# any one frequency; and how much it may differ from period to period, as another line that is near does.
+_BESIDE_A_LINE, _UNSTEADY = 0.05, 0.25
 
 
 @dataclass(frozen=True)
 class Spectra:
-    """The scan of a recording, and by run and channel how unlikely its highest peak is, in sigma."""
+    """The scan of a recording, and by run and channel how unlikely its highest peak is, in sigma, and what all of the
+    run's periods have alike."""
 
     scan: LineScan
     peaks: Mapping[str, float]
+    alike: Mapping[str, Alike]
+
+
+class Alike(NamedTuple):
+    """What the fits of a run's periods leave in all of them, in units of its noise: the square sum of it, `power`, of
+    so many `numbers`; how much of that is a sine of `frequency_hz`, a whole multiple of that of the modulation, and
+    how much more of its power, in units of that, is not alike."""
+
+    period_s: float
+    frequency_hz: float
+    of_line: float
+    power: float
+    numbers: int
+    unsteady: float
+    amplitude: float
+    sigma: float
 
 
 @dataclass(frozen=True)
@@ -50,36 +73,82 @@ def spectra(kept: Kept, runs: Mapping[str, tuple[Cells, Iterable[Columns]]], cha
     before = kept.get(_SCAN, _unpacked)
     if before is not None and list(before.peaks) == names:
         return before
-    scan, peaks = LineScan(), {}
+    scan, peaks, alike = LineScan(), {}, dict[str, Alike]()
     for number_of_run, (run_id, (cells, chunks)) in enumerate(runs.items()):
         # By the place in time and not by the name, which means nothing.
         half = number_of_run & 1
-        for channel, parts in _scanned(chunks, chains, cells).items():
+        scanned, common = _scanned(chunks, chains, cells)
+        alike |= {f"{run_id} {channel}": each for channel, each in common.items()}
+        for channel, parts in scanned.items():
             for number, part in enumerate(parts):
                 scan.add(f"{run_id} {channel} {number}", (channel, half), part.scanned)
             peaks[f"{run_id} {channel}"] = _peak(parts)
     packed = scan.packed()
-    kept.put(_SCAN, Packed({**packed.head, _PEAKS: peaks}, packed.arrays))
-    return Spectra(scan, peaks)
+    kept.put(_SCAN, Packed({**packed.head, _PEAKS: peaks, _ALIKE: alike}, packed.arrays))
+    return Spectra(scan, peaks, alike)
 
 
 def _unpacked(kept: Packed) -> Spectra:
-    return Spectra(LineScan.unpacked(kept), kept.head[_PEAKS])
+    alike = {name: Alike(*each) for name, each in kept.head[_ALIKE].items()}
+    return Spectra(LineScan.unpacked(kept), kept.head[_PEAKS], alike)
 
 
-def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[str, list[_Part]]:
+def _scanned(
+    chunks: Iterable[Columns], chains: Chains, cells: Cells
+) -> tuple[dict[str, list[_Part]], dict[str, Alike]]:
+    """What is scanned, and what all periods have alike, by channel."""
     parts: dict[str, list[_Part]] = {channel: [] for channel in CHANNELS}
+    sums, squares, periods = dict.fromkeys(CHANNELS, np.zeros(cells.samples)), dict.fromkeys(CHANNELS, 0.0), 0.0
+    powers = dict.fromkeys(CHANNELS, np.zeros(min(cells.samples // 2, _MOST_HARMONICS) + 1))
+    first: ResidualBlock | None = None
     for block in residual_blocks(chunks, chains, cells):
         usable = max(float(block.whole.sum()), 1.0)
         kept = float(np.tile(block.kept, len(block.whole)) @ np.repeat(block.whole, cells.samples))
         for channel in CHANNELS:
             # What every period has alike comes of the turns and is no line.
             table = block.left[channel].reshape(len(block.whole), -1)
-            alike = (table.sum(axis=0) / usable) * block.whole[:, None]
+            of_all = table.sum(axis=0)
+            alike = (of_all / usable) * block.whole[:, None]
             part = _part((table - alike).ravel(), kept, cells, block.whole)
             if part is not None:
                 parts[channel].append(part)
-    return parts
+            sums[channel] = sums[channel] + of_all
+            squares[channel] += float(np.vdot(table, table))
+            of_periods = np.fft.rfft(table, axis=1)[:, : powers[channel].size]
+            powers[channel] = powers[channel] + np.sum(np.abs(of_periods) ** 2, axis=0)
+        first, periods = first or block, periods + float(block.whole.sum())
+    if first is None or periods < 2.0:
+        return parts, {}
+    common = {
+        channel: _alike(sums[channel], squares[channel], powers[channel] / periods, periods, first, cells)
+        for channel in CHANNELS
+    }
+    return parts, {channel: each for channel, each in common.items() if each is not None}
+
+
+def _alike(
+    total: FloatArray, square: float, powers: FloatArray, periods: float, block: ResidualBlock, cells: Cells
+) -> Alike | None:
+    """What so many periods have alike, from their sum (samples,), the square sum of all their samples, and the power
+    of a period, in the mean, at multiples of the modulation frequency."""
+    mean, numbers = total / periods, int(np.sum(block.kept)) - len(block.basis)
+    noise = (square - periods * float(mean @ mean)) / ((periods - 1.0) * max(numbers, 1)) / periods
+    lowest = math.ceil(_LOWEST)
+    if noise <= 0.0 or numbers < 3 or powers.size <= lowest:
+        return None
+    alike = np.abs(np.fft.rfft(mean)[: powers.size]) ** 2
+    strongest = lowest + int(np.argmax(alike[lowest:]))
+    unsteady = float(powers[strongest] / max(alike[strongest], np.finfo(float).tiny)) - 1.0
+    frequency_hz = strongest / cells.period_s
+    time_s = np.arange(cells.samples) / cells.sample_rate_hz
+    phase = 2.0 * np.pi * frequency_hz * time_s
+    waves = np.stack([np.cos(phase), np.sin(phase)]) * block.kept
+    waves = waves - (waves @ block.basis.T) @ block.basis
+    sizes = np.linalg.lstsq(waves.T, mean, rcond=None)[0]
+    shown = sizes @ waves
+    amplitude, sigma = float(np.hypot(*sizes)), math.sqrt(2.0 * noise / float(np.sum(block.kept)))
+    of_line, power = float(shown @ shown) / noise, float(mean @ mean) / noise
+    return Alike(cells.period_s, frequency_hz, of_line, power, numbers, unsteady, amplitude, sigma)
 
 
 def _part(left: FloatArray, kept: float, cells: Cells, whole: FloatArray) -> _Part | None:
@@ -157,6 +226,38 @@ def _peak(parts: Sequence[_Part]) -> float:
     # One minus the chance that there is none as high.
     p = -math.expm1(-chances)
     return float(-special.ndtri(max(p, 1e-300))) if p < 1.0 else -8.0
+
+
+def harmonic_lines(found: Spectra, alpha: float = 0.01) -> list[FoundLine]:
+    """The line, if there is one, whose frequency is a multiple of that of the modulation: all periods have it alike.
+
+    What turns leave behind does so too, but no one sine is nearly all of it. A line that is hardly larger than the
+    noise cannot be told from that, and is left to the effects.
+    """
+    lines = []
+    for channel in CHANNELS:
+        runs = [each for name, each in found.alike.items() if name.endswith(f" {channel}")]
+        if not runs:
+            continue
+        strongest = max(runs, key=lambda each: each.of_line)
+        frequency_hz = strongest.frequency_hz
+        seen = [each for each in runs if abs(math.remainder(frequency_hz * each.period_s, 1.0)) < 1e-6]
+        numbers = sum(each.numbers for each in seen) - 2 * len(seen)
+        of_line = sum(each.of_line for each in seen)
+        beside = sum(each.power for each in seen) - of_line - numbers
+        sure = beside + 3.0 * math.sqrt(2.0 * numbers) < _BESIDE_A_LINE * of_line
+        # One frequency for all runs that can have it so.
+        same = all(abs(each.frequency_hz - frequency_hz) < 1e-6 * frequency_hz for each in seen)
+        if not (sure and same) or max(each.unsteady for each in seen) > _UNSTEADY:
+            continue
+        log_p = float(_log_tail(np.array([0.5 * of_line]), np.array([float(len(seen))]))[0])
+        p_value = min(_MOST_HARMONICS * math.exp(max(log_p, -700.0)), 1.0)
+        if p_value < alpha:
+            ratio = math.sqrt((numbers + max(beside, 0.0)) / (numbers + max(beside, 0.0) + of_line))
+            size = strongest.amplitude, strongest.sigma
+            aliases_hz = found.scan.aliases_hz(frequency_hz) if found.scan.groups else ()
+            lines.append(FoundLine(frequency_hz, *size, p_value, ratio, aliases_hz))
+    return sorted(lines, key=lambda line: line.p_value)[:1]
 
 
 _IMAGES, _IMAGE_WIDTH = 40, 3.0

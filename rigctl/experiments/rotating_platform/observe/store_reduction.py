@@ -25,7 +25,7 @@ from rigctl.experiments.rotating_platform.observe.recorded_turns import check_tu
 VERSION = 14
 """Of what is kept: counted up whenever cutter.py would give other numbers."""
 
-_SCAN_VERSION = 15
+_SCAN_VERSION = 16
 """The same of scans, whenever line_spectra.py would."""
 
 
