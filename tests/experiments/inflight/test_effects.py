@@ -63,8 +63,10 @@ def skewed(session, t_s, out):
 
 
 def cubed(session, t_s, out):
-    varying = out[:, 0] - out[:, 0].mean(axis=1, keepdims=True)
-    return along_x(3e9 * varying[0] ** 3, -1e9 * varying[1] ** 3, out)
+    # About where each sensor works while control holds the mean of both at zero; in k2c_1 it holds the second there.
+    held = out[:, 0].mean(axis=1)
+    away = out[:, 0] - (held - held.mean())[:, None]
+    return along_x(3e9 * away[0] ** 3, -1e9 * away[1] ** 3, out)
 
 
 def hotter(session, t_s, out):
@@ -139,6 +141,16 @@ def moves_as_predicted(flight, instrument, plain, spoilt, name, sizes, least=1e-
     predicted = candidate.derivative @ [sizes.get(parameter, 0.0) for parameter in candidate.names]
     assert np.abs(predicted).max() > least
     assert changed == pytest.approx(predicted, abs=0.03 * np.abs(predicted).max())
+
+
+def test_a_cubic_part_bends_otherwise_where_control_holds_one_mass(flight, instrument, plain):
+    """The quadratic factors of sessions k2c are those elsewhere on the curve: a line at twice the stimulus."""
+    spoilt = study(flight, instrument, cubed)
+    given = plain.data.observations
+    at_twice = np.array([each.component.startswith("k2c_1 2 f") for each in given.series])[given.series_of]
+    changed = (spoilt.data.observations.value - given.value)[at_twice]
+    assert np.abs(changed).max() > 5.0 * given.sigma[at_twice].max()
+    moves_as_predicted(flight, instrument, plain, spoilt, "cubic-electrode", {"k3_1": 3e9, "k3_2": -1e9})
 
 
 @pytest.mark.parametrize(
