@@ -295,8 +295,8 @@ def sensor_skew(run: FlightRun, delay: FloatArray) -> FloatArray:
 )
 def cubic_electrode(run: FlightRun, k3_1: FloatArray, k3_2: FloatArray) -> FloatArray:
     """The sensors' output has a cubic part: a line at three times the stimulus, and a share of a'_d11."""
-    # Outputs count from where control holds them, their mean at zero: in sessions k2c, where it holds one mass at zero,
-    # both work elsewhere on the curve.
+    # Outputs count from where control holds them, their mean at zero: in sessions k2c, where it holds one of them,
+    # both sensors work elsewhere on the curve.
     levels = run.measured[:, 0].mean(axis=1, keepdims=True)
     away = run.measured[:, 0] - (levels - levels.mean())
     return run.along_x(k3_1 * away[0] ** 3, k3_2 * away[1] ** 3)

@@ -59,18 +59,18 @@ def changing_level_in(scans: Sequence[RunScan]) -> Line | None:
 def strongest_line_in(scans: Sequence[RunScan], known_hz: Sequence[float]) -> Line | None:
     """The strongest line of any run that is none of the known."""
     peaks = [each.peak for each in scans if each.peak is not None]
-    fresh = [each for each in peaks if all(abs(each.frequency_hz / known - 1.0) > _KNOWN_BINS for known in known_hz)]
+    fresh = [each for each in peaks if all(abs(each.near_hz / known - 1.0) > _KNOWN_BINS for known in known_hz)]
     if not fresh:
         return None
     peak = min(fresh, key=lambda each: (each.p_value, -each.amplitude / each.sigma))
     amplitude = _quantity(peak.amplitude, peak.sigma, "m/s2")
     return _line(
-        Term("steady-line", {"run": peak.run_id, "frequency_hz": peak.frequency_hz}),
+        Term("steady-line", {"run": peak.run_id, "frequency_hz": peak.near_hz}),
         amplitude,
         # The strongest of so many runs.
         float(-np.expm1(len(peaks) * np.log1p(-min(peak.p_value, 1.0 - 1e-16)))),
         amplitude=amplitude,
-        frequency=_quantity(peak.frequency_hz, 0.0, "Hz"),
+        frequency=_quantity(peak.frequency_hz, peak.sigma_hz, "Hz"),
     )
 
 

@@ -451,6 +451,23 @@ def test_pulses_are_found_masked_and_no_longer_there(flight):
     assert masked.data.reduced.runs[0].coarse.present.mean() < 0.999
 
 
+@pytest.mark.parametrize("off", [0.0, 0.2, 0.45])
+def test_a_steady_line_has_its_own_frequency_and_not_that_of_the_spectrum_next_to_it(flight, off):
+    """Read off the spectrum its amplitude was 15 % too small, and its frequency half a step off, without a sigma."""
+    frequency_hz, size = (25 + off) / 59500.0, 3e-12
+
+    def hum(_, columns, conditions):
+        wave = size * np.sin(2 * np.pi * frequency_hz * columns["t_s"] + 1.0)
+        return columns | {"m2_x": columns["m2_x"] + wave}, conditions
+
+    study = InflightStudy(recording(flight, sessions=("dx", "ad11"), spoil=hum))
+    (line,) = [each for each in study.lines(study.model(())) if each.term.effect == "steady-line"]
+    frequency, amplitude = line.parameters["frequency"], line.parameters["amplitude"]
+    assert 0.0 < frequency["sigma"] < 0.1 / 59500.0
+    assert frequency["value"] == pytest.approx(frequency_hz, abs=4.0 * frequency["sigma"])
+    assert amplitude["value"] == pytest.approx(size, abs=4.0 * amplitude["sigma"])
+
+
 def test_a_run_that_is_louder_than_others_is_not_unsteady():
     """Each run's noise is measured in it; what counts is that a level changes while it lasts."""
     rng = np.random.default_rng(4)
@@ -477,6 +494,25 @@ def test_noise_makes_as_many_large_pulses_as_is_said(monkeypatch: pytest.MonkeyP
         normal += float(np.sum(2.0 * norm.sf(4.5) * pulses.trials))
     assert abs(found - expected) < 3.0 * np.sqrt(expected)
     assert found - normal > 5.0 * np.sqrt(normal)
+
+
+@pytest.mark.parametrize("later_s", [12.0, 25.0])
+@pytest.mark.parametrize("sizes", [(3e-10, 1e-10), (1e-10, 3e-10), (1e-10, 1e-10)])
+def test_of_pulses_that_follow_each_other_each_is_left_out(flight, later_s, sizes):
+    """The weaker of two within half a minute was taken for the other: its tail, or all of it, stayed in the data."""
+    begins_s = np.arange(3000.0, 57000.0, 1500.0)
+
+    def crackling(_, t_s, out):
+        made = np.zeros_like(out)
+        for size, begin_s in [(sizes[0], at) for at in begins_s] + [(sizes[1], at + later_s) for at in begins_s]:
+            since_s = np.maximum(t_s - begin_s, 0.0)
+            made[0, 0] += size * (np.exp(-since_s / 3.0) - np.exp(-since_s / 1.0))
+        return made
+
+    sky = flight.Sky(noise=1.2e-12, seed=1, added=crackling)
+    study = InflightStudy(recording(flight, sky=sky, sessions=("dx", "ad11")))
+    (found,) = [line for line in study.lines(study.model(())) if line.term.effect == "glitches"]
+    assert found.parameters["number"]["value"] == 2 * 2 * len(begins_s)
 
 
 def test_pulses_that_both_sensors_show_alike_along_x_are_found_across_it(flight):

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 from scipy import ndimage, special
 
-from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rigctl.experiments.inflight.model.equation import coefficients
 from rigctl.experiments.inflight.model.parameters import SHARED
-from rigctl.experiments.inflight.observe.detection import FALL_S, RISE_S, SPECTRUM_S, density_of, peaks_of
+from rigctl.experiments.inflight.observe.detection import FALL_S, RISE_S, SPECTRUM_S, density_of
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import AFTER_S, NEEDED, raw_series
@@ -24,6 +24,12 @@ THRESHOLD_SIGMA = 6.0
 
 EDGE_S = 12.0
 """No pulse is looked for within this time of a gap or an end: there the filter cannot tell them apart."""
+
+_OF_A_TAIL = 0.1
+"""Of a pulse, what is left beside it where its shape is not quite the filter's."""
+
+SAME_S = 6.0
+"""Two fall times: pulses that begin farther apart are two, and what both cover is left out."""
 
 STRETCH_S = 200.0
 """The noise's level is looked at in stretches so long."""
@@ -65,13 +71,19 @@ class Pulses:
         return float(np.sum(self.trials * 2.0 * special.stdtr(self.dof, -sigma)))
 
 
+_OF_TWO = 1.6
+"""Uncertainty of a frequency from two amplitudes beside it over the least there is (Cramer and Rao): 1.3 to 1.85."""
+
+
 @dataclass(frozen=True)
 class Peak:
-    """The strongest line of a run between those that are known: amplitude [m/s2] with its sigma, and how likely noise
-    makes one so strong anywhere."""
+    """The strongest line of a run between those that are known: the frequency of the spectrum next to it, its own and
+    its amplitude [m/s2] with their sigmas, and how likely noise makes one so strong anywhere."""
 
     run_id: str
+    near_hz: float
     frequency_hz: float
+    sigma_hz: float
     amplitude: float
     sigma: float
     p_value: float
@@ -213,13 +225,35 @@ def _pulses(left: FloatArray, grid: Grid, clear: _Clear, f_hz: FloatArray, densi
     # Against the scatter about each place and not the mean spectrum: louder noise makes no pulses.
     scale = _scale(sigmas, clear.seen, round(_STEADY_S / grid.step_s))
     sigmas = np.where(clear.seen, sigmas / scale, 0.0)
-    apart = max(round(AFTER_S / grid.step_s), 1)
-    peaks = peaks_of(np.abs(sigmas), THRESHOLD_SIGMA, apart)
+    response = np.fft.irfft(share * clear.template, count)
+    peaks, sizes = _peaks(sigmas, response / response[0], grid.step_s)
     band = np.abs(share * clear.template)
     width_hz = float(np.sum(band) ** 2 / np.sum(band**2)) / (count * grid.step_s)
     trials = np.array([2.0 * width_hz * grid.duration_s])
     dof = np.array([width_hz * min(_STEADY_S, grid.duration_s) / _OF_A_MEDIAN])
-    return Pulses(grid.t_s[peaks], estimate[peaks], np.abs(sigmas[peaks]), trials, dof)
+    return Pulses(grid.t_s[peaks], sizes * scale[peaks] / np.sqrt(information), np.abs(sizes), trials, dof)
+
+
+def _peaks(sigmas: FloatArray, response: FloatArray, step_s: float) -> tuple[IntArray, FloatArray]:
+    """Where pulses begin, and their sizes: the largest maximum, then that of what is left less what the filter makes
+    of it beside it, its `response` by distance, until nothing stands out."""
+    left, least = sigmas.copy(), np.full(len(sigmas), THRESHOLD_SIGMA)
+    near, reach = max(round(SAME_S / step_s), 1), round(AFTER_S / step_s)
+    kept: dict[int, float] = {}
+    while True:
+        size = np.abs(left)
+        maximum = np.zeros(len(left), dtype=bool)
+        maximum[1:-1] = (size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])
+        beyond = np.where(maximum, size - least, -1.0)
+        place = int(np.argmax(beyond))
+        if beyond[place] < 0.0:
+            peaks = np.array(sorted(kept), dtype=np.intp)
+            return peaks, np.array([kept[each] for each in peaks.tolist()], dtype=np.float64)
+        kept[place] = float(left[place])
+        around = np.arange(max(place - reach, 0), min(place + reach + 1, len(left)))
+        least[around] += _OF_A_TAIL * size[place]
+        left[around] -= left[place] * response[np.abs(around - place)]
+        least[max(place - near, 0) : place + near + 1] = np.inf
 
 
 def _combined(channels: Sequence[Pulses]) -> Pulses:
@@ -228,10 +262,10 @@ def _combined(channels: Sequence[Pulses]) -> Pulses:
         np.concatenate([getattr(each, name) for each in channels])
         for name in ("at_s", "amplitude", "sigma", "trials", "dof")
     )
-    # The strongest first; what lies within a pulse's length of it is the same pulse.
+    # The strongest first; what lies within some seconds of it is the same pulse.
     kept: list[int] = []
     for place in np.argsort(-sigma, kind="stable"):
-        if all(abs(at_s[place] - at_s[other]) > AFTER_S for other in kept):
+        if all(abs(at_s[place] - at_s[other]) > SAME_S for other in kept):
             kept.append(int(place))
     kept.sort(key=lambda place: float(at_s[place]))
     return Pulses(at_s[kept], amplitude[kept], sigma[kept], trials, dof)
@@ -255,7 +289,7 @@ def _scale(sigmas: FloatArray, seen: BoolArray, count: int) -> FloatArray:
 def _peak(run: ReducedRun, left: FloatArray, grid: Grid) -> Peak | None:
     window = np.hanning(len(left)) * grid.present
     f_hz = np.fft.rfftfreq(len(left), grid.step_s)
-    power = np.abs(np.fft.rfft(window * left)) ** 2
+    spectrum = np.abs(np.fft.rfft(window * left))
     session, width_hz = run.session, 1.0 / grid.duration_s
     known = [session.frequency_of(line) for line in session.reduced_lines(grid.duration_s)]
     known += [k * session.orbital_hz for k in range(1, 9)]
@@ -264,7 +298,7 @@ def _peak(run: ReducedRun, left: FloatArray, grid: Grid) -> Peak | None:
     for line_hz in known:
         # The main lobe of a Hann window reaches 2 / T on either side.
         free &= np.abs(f_hz - line_hz) > 2.5 * width_hz
-    power, f_hz = power[free], f_hz[free]
+    power, f_hz = spectrum[free] ** 2, f_hz[free]
     around, stood_for = _around(power)
     used = (f_hz > session.orbital_hz) & (f_hz < _HIGHEST / grid.step_s)
     if not used.any():
@@ -274,13 +308,26 @@ def _peak(run: ReducedRun, left: FloatArray, grid: Grid) -> Peak | None:
     place = int(np.argmin(p_values))
     p_value = float(-np.expm1(np.count_nonzero(used) * np.log1p(-min(p_values[place], 1.0 - 1e-16))))
     scale = 2.0 / float(np.sum(window))
+    amplitude, sigma = float(scale * np.sqrt(power[place])), float(scale * np.sqrt(0.5 * around[place]))
+    off, larger = _off_peak(spectrum, int(np.flatnonzero(free)[place]))
     return Peak(
         run.run_id,
         float(f_hz[place]),
-        float(scale * np.sqrt(power[place])),
-        float(scale * np.sqrt(0.5 * around[place])),
+        float(f_hz[place] + off * width_hz),
+        float(_OF_TWO * np.sqrt(3.0) / np.pi * width_hz * sigma / amplitude),
+        larger * amplitude,
+        larger * sigma,
         p_value,
     )
+
+
+def _off_peak(spectrum: FloatArray, place: int) -> tuple[float, float]:
+    """How far from a frequency of a Hann window's spectrum (amplitudes) the maximum about it is, as a share of their
+    distance, and by how much that is larger (Rife and Vincent, Bell Syst. Tech. J. 49 (1970) 197)."""
+    below, here, above = spectrum[place - 1], spectrum[place], spectrum[min(place + 1, len(spectrum) - 1)]
+    way, beside = (1.0, above) if above >= below else (-1.0, below)
+    off = float(np.clip((2.0 * beside - here) / (beside + here), 0.0, 1.0 - 1e-9))
+    return way * off, float((1.0 - off**2) / np.sinc(off))
 
 
 def _around(power: FloatArray) -> tuple[FloatArray, FloatArray]:

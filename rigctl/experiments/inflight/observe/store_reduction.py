@@ -17,7 +17,7 @@ from rigctl.experiments.inflight.observe.reduction import BetweenLines, ReducedR
 from rigctl.experiments.inflight.observe.series import Amplitudes, without_pulses
 from rigctl.experiments.inflight.observe.sessions import EQUIVALENCE, Line, session_of
 
-RECIPE = Recipe("inflight-calibration", 13)
+RECIPE = Recipe("inflight-calibration", 14)
 """Its version is counted up whenever reduction.py or model/residual_samples.py would give other numbers."""
 
 
