@@ -7,6 +7,7 @@ import pytest
 
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
@@ -17,8 +18,11 @@ from rigctl.workbench.verdict.significance import p_of_scored
 ROWS = 500
 
 
-def table(y: FloatArray, baseline: str = "b0 + b1 * x", **columns: FloatArray) -> TableStudy:
-    header = Header("table", extra={"table": {"response": "y", "baseline": baseline, "start": {}}})
+def table(
+    y: FloatArray, baseline: str = "b0 + b1 * x", order: str | None = None, **columns: FloatArray
+) -> TableStudy:
+    asked = {"response": "y", "baseline": baseline, "start": {}} | ({"order": order} if order else {})
+    header = Header("table", extra={"table": asked})
     record = RunRecord(READINGS, READINGS, "import", {})
     return TableStudy(Recording(header, (record,), {READINGS: {"y": y, **columns}}, ImportReport(1)))
 
@@ -33,6 +37,18 @@ def readings(seed: int, rows: int = ROWS) -> tuple[FloatArray, dict[str, FloatAr
     noise = 0.1 * rng.standard_normal(rows)
     hidden = 0.05 * np.sin(2.0 * np.pi * columns["z"] / 1.7) + 0.03 * (columns["w"] > 1.2)
     return 1.0 + 0.3 * columns["x"] + noise + hidden, columns
+
+
+def test_more_readings_than_correlated_noise_is_worked_out_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their matrix does not fit into memory: it was an internal error, or the end of the computer's patience."""
+    rng, rows = np.random.default_rng(3), 300
+    walk = np.cumsum(rng.standard_normal(rows))
+    columns = {"x": rng.uniform(0.0, 10.0, rows), "time_s": np.arange(rows, dtype=np.float64)}
+    monkeypatch.setattr("rigctl.workbench.verdict.noise_pool.MOST_CORRELATED", rows - 1)
+    with pytest.raises(DataError, match=r"300 data scatter alike along time_s.*299 at most: average"):
+        Attempt(table(1.0 + 0.3 * columns["x"] + walk, order="time_s", **columns), ())
+    # Independent ones need no matrix.
+    assert Attempt(table(1.0 + 0.3 * columns["x"] + rng.standard_normal(rows), **columns), ()).result.chi2 > 0.0
 
 
 def count_as_long(monkeypatch: pytest.MonkeyPatch) -> None:

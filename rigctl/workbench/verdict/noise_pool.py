@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.core.errors import DataError
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.kernels import SlowNoise
 from rigctl.workbench.verdict.noise import Correlation, orthonormal
@@ -21,6 +22,9 @@ RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 EXPONENT_RANGE = (0.5, 3.0)
 LOG_RATIOS = (-7.0, 12.0)
 """Between which exponents and logarithms of ratios are maximised."""
+
+MOST_CORRELATED = 20_000
+"""Data that are correlated with each other: the matrix of so many takes 3.2 GB, and minutes to decompose."""
 
 WHITE_ODDS = 3.0
 """Prior odds of white noise over all correlated kinds together, where effects are searched for."""
@@ -139,6 +143,12 @@ class Pool:
         factors: list[tuple[IntArray, FloatArray]] = []
         for group in np.unique(self.order.group):
             members = np.flatnonzero(self.order.group == group)
+            if len(members) > MOST_CORRELATED:
+                raise DataError(
+                    f"{len(members)} data scatter alike along {self.order.name}, which is worked out for "
+                    f"{MOST_CORRELATED} at most: average neighbouring ones, or leave out the order to take them as "
+                    "independent"
+                )
             mean: FloatArray = np.eye(len(members), dtype=np.float64)
             for name, strength in _strengths(correlations):
                 mean = np.asarray(mean + strength * self.order.kernel(name, members), dtype=np.float64)
