@@ -47,6 +47,21 @@ def test_a_period_with_faults_is_refitted_to_what_is_left_and_counted():
     assert series.accel_slope[0, 0] == pytest.approx(truth[1] + 0.9 * truth[3], rel=1e-4)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_left_of_a_period_with_faults_is_as_uncertain_as_it_scatters(name):
+    """Its slopes scatter up to ten times as widely as those of others, and counted as one of them."""
+    sampled, draws = named_pattern(name, 60.0).sampled(10.0), 1500
+    noise = np.random.default_rng(4).standard_normal((draws, sampled.samples))
+    noise[:, 250:400] = np.nan
+    series = demodulated(sampled, noise.ravel(), estimator="projection")
+    usual = np.sum(weights(sampled, "projection") ** 2, axis=1)
+    assert series.refitted.all()
+    for place, output in enumerate(OUTPUTS):
+        expected = usual[place] * series.excess[place % 2, :, 0]
+        scatter = np.var(getattr(series, output)[:, 0])
+        assert scatter == pytest.approx(expected[0], rel=5.0 * np.sqrt(2.0 / draws)), output
+
+
 def test_a_period_with_dwells_elsewhere_is_fitted_jointly():
     sampled = named_pattern("b", 60.0).sampled(10.0)
     sign = np.tile(sampled.sign, 3)

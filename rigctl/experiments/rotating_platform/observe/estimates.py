@@ -9,7 +9,7 @@ import numpy as np
 
 from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from rigctl.experiments.rotating_platform.observe.cells import FAULTS, Cells
-from rigctl.experiments.rotating_platform.observe.estimators import Estimator
+from rigctl.experiments.rotating_platform.observe.estimators import Estimator, weights
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern, custom_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 
@@ -89,7 +89,8 @@ class PeriodEstimates:
     Means in m/s2, slopes in m/s3, both of the external acceleration and of the sensor's bias, at the mean time of
     the pattern's kept samples. `refitted` are the periods with faults, which were fitted jointly to what is left of
     them; `invalid` those with less than half their samples, or fewer than two of one sign. `faults`, shape (periods,
-    channels, 4), are the samples left out, or elsewhere, by `cells.FAULTS`.
+    channels, 4), are the samples left out, or elsewhere, by `cells.FAULTS`. `excess`, shape (2, periods, channels),
+    is how large the variances of means and slopes are, in white noise, over those of a period without faults.
     """
 
     accel_mean: FloatArray
@@ -99,6 +100,7 @@ class PeriodEstimates:
     refitted: BoolArray
     invalid: BoolArray
     faults: Int64Array
+    excess: FloatArray
 
     def __len__(self) -> int:
         return len(self.accel_mean)
@@ -112,7 +114,7 @@ def estimates(
     Periods with faults, or with dwells elsewhere, by the joint fit, whatever `estimator` says (`estimators`).
     """
     moments = _about_the_centre(sampled, _sums(cells, keep))
-    joint, solvable = _joint(moments)
+    joint, variances, solvable = _joint(moments)
     faults = cells.faults.copy()
     faults[:, :, FAULTS.index("shifted")] = shifted_samples(cells, keep, sampled)[:, None]
     faulty = faults.any(axis=-1)
@@ -121,7 +123,11 @@ def estimates(
     # With samples missing the projection's columns are no longer orthogonal: acceleration would leak into bias.
     outputs = joint if estimator == "joint-ls" else np.where(faulty, joint, _projection(moments))
     accel_mean, accel_slope, bias_mean, bias_slope = np.where(valid, outputs, np.nan)
-    return PeriodEstimates(accel_mean, accel_slope, bias_mean, bias_slope, faulty & valid, ~valid, faults)
+    refitted, excess = faulty & valid, np.ones_like(variances)
+    if refitted.any():
+        usual = np.sum(weights(sampled, estimator)[:2] ** 2, axis=1)
+        excess = np.where(refitted, variances / usual[:, None, None], excess)
+    return PeriodEstimates(accel_mean, accel_slope, bias_mean, bias_slope, refitted, ~valid, faults, excess)
 
 
 def _sums(cells: Cells, keep: BoolArray) -> FloatArray:
@@ -164,14 +170,17 @@ def _projection(moments: FloatArray) -> FloatArray:
         )
 
 
-def _joint(moments: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """The four outputs from a line through the samples of either sign, and where both lines are determined."""
+def _joint(moments: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """The four outputs from a line through the samples of either sign, the variances of means and slopes in white
+    noise of unit variance, (2, periods, channels), and where both lines are determined."""
     count, time, square, level, ramp = np.moveaxis(moments, -1, 0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = time / count
         # One straight line for each sign: half their difference is acceleration, half their sum bias.
         slope = (ramp - mean * level) / (square - mean * time)
         at_centre = level / count - mean * slope
+        of_slope = 1.0 / (square - mean * time)
+        variances = 0.25 * np.stack([1.0 / count + mean**2 * of_slope, of_slope]).sum(axis=-1)
     lines = np.stack([at_centre, slope])
     plus, minus = lines[..., 0], lines[..., 1]
-    return 0.5 * np.concatenate([plus - minus, plus + minus]), (count >= 2.0).all(axis=-1)
+    return 0.5 * np.concatenate([plus - minus, plus + minus]), variances, (count >= 2.0).all(axis=-1)

@@ -173,8 +173,10 @@ def run_means(
     from_hz = _BEYOND_RECORD / (len(series) * sampled.pattern.period_s)
     spread = covariance_of_mean(rows, rate_hz, noise, periods, sided=SIDED, from_hz=from_hz)
     columns = (series.accel_mean, series.accel_slope, series.bias_mean, series.bias_slope)
+    # What is left of a period with faults tells less, its slopes above all.
+    excess = series.excess[:, valid, number].mean(axis=1)
     return {
-        name: Value(float(column[valid, number].mean()), math.sqrt(float(spread[i, i])))
+        name: Value(float(column[valid, number].mean()), math.sqrt(float(spread[i, i] * excess[i % 2])))
         for i, (name, column) in enumerate(zip(MEANS, columns, strict=True))
     }
 
