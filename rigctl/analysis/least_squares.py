@@ -33,7 +33,7 @@ _CHI2_AIMED_AT = 1e-14
 _NULL_SHARE = 1e-5
 
 # So many steps go by the first derivatives alone: most fits have ended by then.
-_PLAIN = 15
+_PLAIN = 30
 
 # Of the damping, in units of the largest eigenvalue of the unit columns' Gram matrix: the first, and what is none.
 _LEAST_DAMPING, _NO_DAMPING = 1e-6, 1e-7
