@@ -9,6 +9,7 @@ from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording,
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.table.study import TableStudy
+from rigctl.report.verdicts import slow_noise_sentences
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
@@ -49,6 +50,23 @@ def test_more_readings_than_correlated_noise_is_worked_out_for_are_refused(monke
         Attempt(table(1.0 + 0.3 * columns["x"] + walk, order="time_s", **columns), ())
     # Independent ones need no matrix.
     assert Attempt(table(1.0 + 0.3 * columns["x"] + rng.standard_normal(rows), **columns), ()).result.chi2 > 0.0
+
+
+@pytest.mark.parametrize(("rows", "drift", "said"), [(200, 5e-3, True), (200, 0.0, False), (50, 2e-2, False)])
+def test_what_is_found_along_a_long_order_may_be_slower_noise(
+    rows: int, drift: float, said: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 120 neighbours a noise that is slow over them is a level."""
+    monkeypatch.setattr("rigctl.workbench.verdict.noise_pool.LARGEST_POOL", 120)
+    rng = np.random.default_rng(8)
+    columns = {"x": rng.uniform(0.0, 10.0, rows), "time_s": np.arange(rows, dtype=np.float64)}
+    y = 1.0 + 0.3 * columns["x"] + drift * columns["time_s"] + 0.1 * rng.standard_normal(rows)
+    found = diagnose(table(y, order="time_s", **columns), ()).as_json()
+    assert (found["verdict"] == "adequate") == (drift == 0.0)
+    asked = {"order": "time_s", "data": 200, "asked": 120}
+    assert found["long_order"] == (asked if rows == 200 else None)
+    may = "Noise that is slow over 120 neighbouring readings may pass for an effect along time_s: average neighbours"
+    assert any(each.startswith(may) for each in slow_noise_sentences(found)) == said
 
 
 def count_as_long(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.findings import LongOrder
 from rigctl.workbench.groups import Groups
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.fitted_model import FittedModel
@@ -84,6 +85,15 @@ class NoiseEstimator:
         if len(self._pools) != 1 or len(self._pools[0].where) < len(self._dof) or not self._pools[0].is_small:
             return None
         return self._pools[0] if self.correlated else None
+
+    @property
+    def long_order(self) -> LongOrder | None:
+        """Of one pool with all data the order along which their correlation is looked for in some of them only."""
+        if not self.of_one_pool or not self.correlated or self._pools[0].is_small:
+            return None
+        pool = self._pools[0]
+        assert pool.order.name is not None
+        return LongOrder(pool.order.name, len(pool.where), pool.looked_at)
 
     @property
     def dof(self) -> float:

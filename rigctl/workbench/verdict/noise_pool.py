@@ -122,6 +122,11 @@ class Pool:
         return len(self._looked_at) == len(self.where)
 
     @property
+    def looked_at(self) -> int:
+        """In how many data of the pool the correlation is looked for."""
+        return len(self._looked_at)
+
+    @property
     def tried(self) -> Sequence[Whitenings]:
         """The correlations that are tried."""
         return self._trials
