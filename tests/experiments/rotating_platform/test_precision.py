@@ -19,6 +19,7 @@ from rigctl.experiments.rotating_platform.result.precision import (
     continuous_precision,
     measured_precision,
     precision,
+    run_means,
     simplified_precision,
 )
 from tests.experiments.rotating_platform.by_cells import demodulated
@@ -240,3 +241,20 @@ def test_intervals_hold_for_correlated_values(rho):
     assert np.mean([found.sigma**2 for found in scatter]) == pytest.approx(1.0, abs=0.03)
     held = np.mean([low <= 1.0 <= high for low, high in (found.interval for found in scatter)])
     assert held == pytest.approx(0.9, abs=0.025)
+
+
+def test_means_of_a_run_count_that_what_faults_leave_of_a_period_tells_less():
+    """All of slopes' variance that `estimates` says is more than usual, and of those of whole periods none."""
+    sampled = named_pattern("b", 60.0).sampled(10.0)
+    whole = np.random.default_rng(5).standard_normal((12, sampled.samples))
+    spoiled = whole.copy()
+    spoiled[:, 250:400] = np.nan
+    sigma = {}
+    for name, rows in (("whole", whole), ("spoiled", spoiled)):
+        series = demodulated(sampled, rows.ravel(), estimator="projection")
+        means = run_means(sampled, series, 0, "projection", CHAIN_A)
+        sigma[name] = np.array([each.sigma for each in means.values()])
+        assert (series.excess[:, :, 0].max() > 1.0) == (name == "spoiled")
+    larger = (sigma["spoiled"] / sigma["whole"]) ** 2
+    np.testing.assert_allclose(larger, np.tile(series.excess[:, :, 0].mean(axis=1), 2), rtol=1e-9)
+    assert larger[1] > 2.0
