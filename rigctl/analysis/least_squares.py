@@ -129,14 +129,16 @@ def least_squares(
     while iterations < max_iterations and state.predicted_fall > _CHI2_AIMED_AT * state.chi2:
         iterations += 1
         if (step := curvature.step(state)) is not None and (r := problem.at(state, step)) is not None:
-            state = curvature.learnt(state, problem.linearise(problem.clipped(state.p + step), r))
+            before, state = state, problem.linearise(problem.clipped(state.p + step), r)
+            curvature.learn(before, state)
             continue
         step = state.step(damping)
         if (r := problem.at(state, step)) is not None:
             damping, growth = damping * state.relief(damping, float(r @ r)), 2.0
             damping = damping if damping > _NO_DAMPING else 0.0
-            after = problem.linearise(problem.clipped(state.p + step), r)
-            state = curvature.learnt(state, after) if iterations > _PLAIN else after
+            before, state = state, problem.linearise(problem.clipped(state.p + step), r)
+            if iterations > _PLAIN:
+                curvature.learn(before, state)
         # A step this short that still ascends: the derivative is wrong, or chi-squared is at its rounding.
         elif damping > 1e8 or state.is_close:
             break
@@ -202,12 +204,12 @@ class _Curvature:
         self._active: IntArray | None = None
         self._added = np.zeros((0, 0))
 
-    def learnt(self, before: _State, after: _State) -> _State:
-        """The state after a step that descended, from which this has learnt."""
+    def learn(self, before: _State, after: _State) -> None:
+        """From a step that descended."""
         if self._active is None or not np.array_equal(self._active, before.active):
             self._active, self._added = before.active, np.zeros((before.active.size,) * 2)
         if not np.array_equal(before.active, after.active):
-            return after
+            return
         moved = (after.p - before.p)[self._active]
         old, new = (each.J[:, self._active] for each in (before, after))
         turned = old.T @ before.r - new.T @ after.r
@@ -221,7 +223,6 @@ class _Curvature:
             off = bent - share * known
             self._added = share * self._added + (np.outer(off, turned) + np.outer(turned, off)) / along
             self._added -= float(moved @ off) * np.outer(turned, turned) / along**2
-        return after
 
     def step(self, state: _State) -> FloatArray | None:
         """Where the quadratic model has its minimum, over all parameters; None where nothing is learnt, or it has

@@ -46,7 +46,7 @@ def test_more_readings_than_correlated_noise_is_worked_out_for_are_refused(monke
     walk = np.cumsum(rng.standard_normal(rows))
     columns = {"x": rng.uniform(0.0, 10.0, rows), "time_s": np.arange(rows, dtype=np.float64)}
     monkeypatch.setattr("rigctl.workbench.verdict.noise_pool.MOST_CORRELATED", rows - 1)
-    with pytest.raises(DataError, match=r"300 data scatter alike along time_s.*299 at most: average"):
+    with pytest.raises(DataError, match=r"noise of 300 data is correlated along time_s.*299 at most: average"):
         Attempt(table(1.0 + 0.3 * columns["x"] + walk, order="time_s", **columns), ())
     # Independent ones need no matrix.
     assert Attempt(table(1.0 + 0.3 * columns["x"] + rng.standard_normal(rows), **columns), ()).result.chi2 > 0.0

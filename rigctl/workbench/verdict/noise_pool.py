@@ -150,9 +150,9 @@ class Pool:
             members = np.flatnonzero(self.order.group == group)
             if len(members) > MOST_CORRELATED:
                 raise DataError(
-                    f"{len(members)} data scatter alike along {self.order.name}, which is worked out for "
-                    f"{MOST_CORRELATED} at most: average neighbouring ones, or leave out the order to take them as "
-                    "independent"
+                    f"the noise of {len(members)} data is correlated along {self.order.name}, which is worked out "
+                    f"for {MOST_CORRELATED} at most: average neighbouring ones, or leave out the order to take them "
+                    "as independent"
                 )
             mean: FloatArray = np.eye(len(members), dtype=np.float64)
             for name, strength in _strengths(correlations):
