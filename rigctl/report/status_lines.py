@@ -43,6 +43,6 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
     if repeat := status.get("last_repeat"):
         lines.append(f"last repeated: {repeat['key']}, because of: {repeat['reason']}")
     for remark in status.get("remarks", []):
-        what = "remark on" if remark["valid"] else "invalid is"
-        lines.append(f"{what} run {remark['run_id']}: {remark['reason']}")
+        what = "has a remark" if remark["valid"] else "is invalid"
+        lines.append(f"run {remark['run_id']} {what}: {remark['reason']}")
     return list(filter(None, lines))

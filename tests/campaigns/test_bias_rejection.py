@@ -388,7 +388,7 @@ def test_a_glitch_of_a_meter_costs_a_gap_that_is_told(
     assert run.valid
     assert [each["error"][:30] for each in events_of(store, "record-lost")] == ["q_b: its memory overflowed and"]
     assert status_of(store)["remarks"] == [{"run_id": "1", "valid": True, "reason": run.reason}]
-    assert f"remark on run 1: {run.reason}" in status_lines(status_of(store))
+    assert f"run 1 has a remark: {run.reason}" in status_lines(status_of(store))
     told = events_of(store, "period")
     assert len(told) == 6
     assert sum(each["samples_missing"] > 0 for each in told) in {1, 2}
@@ -411,7 +411,7 @@ def test_a_run_of_which_nothing_can_be_told_is_invalid(tmp_path: Path, campaigns
     assert first.reason == "no period has enough samples of q_b_v: q_b: 1200 readings were beyond its range"
     assert second.valid
     assert status_of(store)["runs_invalid"] == 1
-    assert f"invalid is run 1: {first.reason}" in status_lines(status_of(store))
+    assert f"run 1 is invalid: {first.reason}" in status_lines(status_of(store))
 
 
 @pytest.mark.parametrize(
