@@ -22,7 +22,7 @@ LOOK_UP = "look the code up in the instrument's manual, and remove its cause"
 class Asking:
     """Asks one instrument after the other; what differs or fails with one keeps nobody from the next."""
 
-    def __init__(self, rig: Rig, tell: Tell) -> None:
+    def __init__(self, rig: Rig, tell: Tell, say: Callable[[str], None] = lambda _: None) -> None:
         self.identities: dict[str, Identity] = {}
         self.moving: list[str] = []
         self.mended: dict[str, dict[str, Any]] = {}
@@ -31,6 +31,7 @@ class Asking:
         """Instruments that nothing can be done with until somebody has mended what differs."""
         self._rig = rig
         self._tell = tell
+        self._say = say
 
     def ask_all(self) -> None:
         """Ask every instrument of the rig."""
@@ -54,7 +55,7 @@ class Asking:
         # At a wrong rate bytes may come, but not these; in a network something else has answered.
         if not (isinstance(error, LinkError) or said.startswith("serial:")):
             return False
-        elsewhere = found_elsewhere(self._rig, name)
+        elsewhere = found_elsewhere(self._rig, name, self._say)
         if elsewhere is None:
             return False
         mend = f'write address = "{elsewhere.address}", or set the instrument to what {said} says'

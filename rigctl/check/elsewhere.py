@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from pydantic import BaseModel
@@ -16,6 +16,9 @@ from rigctl.rig import Rig, drivers_of
 
 PATIENCE_S = 0.3
 """How long an answer is awaited at each place: most come within some ms."""
+
+CHANGE_S = 1.0
+"""How long a change of state at most: at a dead place nothing comes, however long, and each is asked twice."""
 
 BAUDS = (115200, 9600, 19200, 38400, 57600, 921600)
 PARITIES = ("N", "E")
@@ -30,14 +33,19 @@ class Elsewhere:
     instrument: Instrument
 
 
-def found_elsewhere(rig: Rig, name: str) -> Elsewhere | None:
-    """The first other place at which this instrument answers; None when there is none, or it is simulated."""
+def found_elsewhere(rig: Rig, name: str, say: Callable[[str], None]) -> Elsewhere | None:
+    """The first other place at which this instrument answers; None when there is none, or it is simulated.
+
+    Each place is said before it is tried: at a dead one a driver's questions wait for seconds.
+    """
     table = rig.file.instruments[name]
     if table.simulated:
         return None
     driver = drivers_of(rig.file)[name]
     hasty = _hasty(driver.settings)
-    for address, words in _places(table.address, driver.declaration):
+    places = list(_places(table.address, driver.declaration))
+    for number, (address, words) in enumerate(places, 1):
+        say(f"{name}: no answer yet; asked at {words}, {number} of {len(places)}")
         tried = driver.build(name, hasty, connector(address, rig.clock, floor_s=PATIENCE_S), rig.clock)
         # Twice: what the instrument has heard at another rate may spoil the first question.
         if not (_answers(tried) or _answers(tried)):
@@ -69,8 +77,10 @@ def _answers(instrument: Instrument) -> bool:
 
 def _hasty(settings: BaseModel) -> BaseModel:
     """The same settings, but for how long an answer is awaited."""
-    known = "link_timeout_s" in type(settings).model_fields
-    return settings.model_copy(update={"link_timeout_s": PATIENCE_S}) if known else settings
+    waits = [name for name in type(settings).model_fields if name.endswith("_timeout_s")]
+    longest = {"link_timeout_s": PATIENCE_S}
+    shorter = {name: min(getattr(settings, name), longest.get(name, CHANGE_S)) for name in waits}
+    return settings.model_copy(update=shorter)
 
 
 def _places(address: str, declaration: DriverDeclaration) -> Iterator[tuple[str, str]]:

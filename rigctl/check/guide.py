@@ -68,7 +68,8 @@ def check(
     tell: Callable[[Line], None] = lambda _: None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Checked:
-    """Go through the instruments of a rig file; every finding is told as soon as it is made, requests are said.
+    """Go through the instruments of a rig file; every finding is told as soon as it is made; requests, and
+    what is waited for, are said.
 
     Moves nothing but with `wanted.move`. Goes on as if what differs in the rig file were mended, and without the
     instruments that cannot be used. `RigError` when another program holds an instrument, or the record cannot be
@@ -78,7 +79,7 @@ def check(
     with rig_of_ones_own(file):
         rig = Rig(file)
         rig.wire_logs.prepare("checked")
-        asking = Asking(rig, lines.add)
+        asking = Asking(rig, lines.add, say)
         asking.ask_all()
         usable = _usable(file, asking, lines.add) if wanted.steps else file
     for warning in file.warnings:

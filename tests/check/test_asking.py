@@ -12,7 +12,7 @@ import pytest
 from drivers.keysight_meter import Keysight34465A
 from drivers.newport_xps_socket import Reply, XpsSocket
 from rigctl.check.asking import Asking
-from rigctl.check.elsewhere import Elsewhere
+from rigctl.check.elsewhere import Elsewhere, found_elsewhere
 from rigctl.check.record import ASKED_FOR
 from rigctl.core.errors import InstrumentError, LinkTimeout
 from rigctl.core.findings import Finding
@@ -278,6 +278,37 @@ def test_an_instrument_that_is_nowhere_is_told_with_what_was_tried(desk: Any, de
     assert "tried besides: port 5001" in line["found"]
     assert line["mend"].startswith("check power and cable")
     assert "rotation" not in checked.json["instruments"]
+
+
+def test_at_a_silent_line_it_is_said_where_each_is_asked_and_nobody_waits_long(
+    made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = made("", ('"virtual"', '"real"'), ('address = "sim:"', 'address = "serial:/dev/none?baud=9600"'))
+    (name,) = [name for name, table in rig.file.instruments.items() if not table.simulated]
+    waits_s: list[float] = []
+
+    class Dead:
+        """Takes everything and gives nothing."""
+
+        address, guarded = "serial:/dev/none", False
+        write, unread, close = (lambda *_: None), (lambda _: b""), (lambda _: None)
+
+        def read_until(self, _: object, timeout_s: float) -> bytes:
+            waits_s.append(timeout_s)
+            raise LinkTimeout("nothing came; check the cable")
+
+        read_exactly = read_until
+
+    monkeypatch.setattr("rigctl.check.elsewhere.connector", lambda *_, **__: Dead)
+    # Whatever instrument is on that line.
+    for driver in drivers_of(rig.file).values():
+        said: list[str] = []
+        monkeypatch.setattr("rigctl.check.elsewhere.drivers_of", lambda _, driver=driver: {name: driver})
+        assert found_elsewhere(rig, name, said.append) is None
+        assert said[0] == f"{name}: no answer yet; asked at 115200 baud, parity N, 1 of 11"
+        assert said[-1].endswith("11 of 11")
+    assert len(waits_s) >= 22 * len(rig.file.instruments)
+    assert max(waits_s) <= 1.0
 
 
 def test_an_instrument_at_its_usual_port_is_found_there(
