@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import sys
 from pathlib import Path
+from shutil import copyfile, copytree
 from typing import Any
 
 import pytest
@@ -64,10 +65,20 @@ def bench(desk: Any) -> Any:
     return desk
 
 
+@pytest.fixture(scope="module")
+def scanned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the scan's store is, with what its world hides, once it is measured."""
+    return tmp_path_factory.mktemp("scanned")
+
+
 @pytest.fixture
-def measured(bench: Any) -> Any:
+def measured(bench: Any, scanned: Path) -> Any:
     """The scan in its store."""
-    assert bench.run("--plugin", "drag.py").status == 0
+    if not any(scanned.iterdir()):
+        assert bench.run("--plugin", "drag.py").status == 0
+        for each in (bench.store, bench.store.with_name(f"{bench.store.name}.truth.toml")):
+            copyfile(each, scanned / each.name)
+    copytree(scanned, bench.directory, dirs_exist_ok=True)
     return bench
 
 
@@ -80,12 +91,13 @@ def test_without_its_file_a_campaign_does_not_begin(bench: Any, wire: Any) -> No
     assert plan["effects"] == ["roll-gravity", "resonance", "drag"]
 
 
-def test_the_first_version_of_the_model_holds_where_its_effects_came_from(measured: Any) -> None:
-    first = measured.rigctl("model", "show", measured.store, "--json").json
+def test_the_first_version_of_the_model_holds_where_its_effects_came_from(bench: Any) -> None:
+    assert bench.run("--plugin", "drag.py").status == 0
+    first = bench.rigctl("model", "show", bench.store, "--json").json
     digest = hashlib.sha256(PLUGIN.encode()).hexdigest()
     assert first["version"] == 1
-    assert first["plugins"] == {"drag": {"path": str(measured.directory / "drag.py"), "sha256": digest}}
-    size = measured.rigctl("fit", measured.store, "--plugin", "drag.py", "--json").json["parameters"]["drag"]
+    assert first["plugins"] == {"drag": {"path": str(bench.directory / "drag.py"), "sha256": digest}}
+    size = bench.rigctl("fit", bench.store, "--plugin", "drag.py", "--json").json["parameters"]["drag"]
     assert size["value"] == pytest.approx(1e-5, abs=5.0 * size["sigma"])
     assert size["value"] > 5.0 * size["sigma"]
 
