@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ N = 2.0 * np.pi / ORBIT_S
 F_LOW = 15.0 / (2.0 * ORBIT_S)
 F_HIGH = 107.0 / (2.0 * ORBIT_S)
 DRAW = 3
+NOTHING = Injection()
 WARM = {"orbit_k": 0.1, "twice_k": 0.05, "twice_phase_rad": 1.0}
 LIGHT_M_S = 299792458.0
 
@@ -49,14 +51,20 @@ class Change:
         return drawn(self.settings, DRAW)
 
 
-def changed(effects: dict[str, dict[str, float]], injection: Injection | None = None, **more: Any) -> Change:
-    hold = more.pop("hold", "both")
-    common = {"temperature": WARM, **more}
-    settings = quiet(effects=effects, **common)
-    flights = [
-        fly(each, injection, draws=(DRAW,), samples=SAMPLES, hold=hold) for each in (quiet(**common), settings)
-    ]
-    return Change(settings, *flights)
+def flown(settings: SatelliteSettings, injection: Injection, hold: str) -> Flown:
+    return fly(settings, injection, draws=(DRAW,), samples=SAMPLES, hold=hold)
+
+
+@cache
+def without(injection: Injection, hold: str) -> Flown:
+    made = flown(quiet(temperature=WARM), injection, hold)
+    made.telemetry.flags.writeable = False
+    return made
+
+
+def changed(effects: dict[str, dict[str, float]], injection: Injection = NOTHING, hold: str = "both") -> Change:
+    settings = quiet(effects=effects, temperature=WARM)
+    return Change(settings, without(injection, hold), flown(settings, injection, hold))
 
 
 def assert_like(found: FloatArray, expected: FloatArray, within: float = 0.03) -> None:
