@@ -71,8 +71,28 @@ def studied(directory: Path, workers: int, more: str = "") -> Path:
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return studied(tmp_path_factory.mktemp("alone"), 1)
+def noted_study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """A study on one worker, and in which order its sessions were taken and its draws scored."""
+    done: list[str] = []
+
+    def noted(patch: pytest.MonkeyPatch, name: str, what: str) -> None:
+        doing = getattr(monte_carlo, name)
+
+        def both(*arguments: Any, **more: Any) -> Any:
+            done.append(what)
+            return doing(*arguments, **more)
+
+        patch.setattr(monte_carlo, name, both)
+
+    with pytest.MonkeyPatch.context() as patch:
+        noted(patch, "reduce_unit", "session")
+        noted(patch, "estimated", "score")
+        return studied(tmp_path_factory.mktemp("alone"), 1), done
+
+
+@pytest.fixture(scope="module")
+def alone(noted_study: tuple[Path, list[str]]) -> Path:
+    return noted_study[0]
 
 
 def scored(path: Path) -> list[dict[str, Any]]:
@@ -241,22 +261,9 @@ def test_a_study_that_cannot_be_is_refused(
     assert says in str(refused.value)
 
 
-def test_errors_are_seen_before_the_study_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_are_seen_before_the_study_is_over(noted_study: tuple[Path, list[str]]) -> None:
     """The first sixteen draws are scored before a session of the two others is taken."""
-    done: list[str] = []
-
-    def noted(name: str, what: str) -> None:
-        doing = getattr(monte_carlo, name)
-
-        def both(*arguments: Any, **more: Any) -> Any:
-            done.append(what)
-            return doing(*arguments, **more)
-
-        monkeypatch.setattr(monte_carlo, name, both)
-
-    noted("reduce_unit", "session")
-    noted("estimated", "score")
-    path = studied(tmp_path, 1)
+    path, done = noted_study
     sessions = ["session"] * (done.index("score"))
     assert done == [*sessions, *["score"] * 16, *sessions, *["score"] * 2]
     with Store.open(path, readonly=True) as store:
