@@ -77,15 +77,16 @@ def odd_sample(
     """The sample that noise cannot have put where it is: its number, its distance and the largest one allowed.
 
     `values` are slow but for their noise, shape (n,); NaN are gaps. `purest`: a scale below which nothing is said.
-    `resolution`: the last digit of the samples, whose rounding adds to any noise. What moves the samples nearby as
-    well is a transient.
+    `resolution`: the last digit of the samples, whose rounding adds to any noise, and hides noise of less than half a
+    digit from the median. What moves the samples nearby as well is a transient.
     """
     if len(values) < SMALLEST:
         return None
     for kernel, looked_at in ((NEIGHBOURS, slice(None)), (END, [0, -1])):
         distances = np.abs(np.convolve(values, kernel, mode="valid"))
         # Each of the samples that a kernel weighs may be off by half a digit.
-        allowed = _allowed(distances, purest, false_alarm) + 0.5 * resolution * float(np.abs(kernel).sum())
+        rounding = resolution * math.sqrt(float(kernel @ kernel) / 12.0)
+        allowed = _allowed(distances, purest, rounding, false_alarm) + 0.5 * resolution * float(np.abs(kernel).sum())
         seen = np.zeros_like(distances)
         seen[looked_at] = distances[looked_at]
         seen[np.isnan(seen)] = 0.0
@@ -105,13 +106,13 @@ def _nearby(distances: FloatArray, place: int) -> float:
     return float(np.nanmax(np.nan_to_num(aside), initial=0.0))
 
 
-def _allowed(distances: FloatArray, purest: float, false_alarm: float) -> float:
-    """The largest distance that noise makes of these."""
+def _allowed(distances: FloatArray, purest: float, rounding: float, false_alarm: float) -> float:
+    """The largest distance that noise makes of these, `rounding` being the standard deviation of their rounding."""
     known = distances[np.isfinite(distances)]
     if len(known) < SMALLEST // 2:
         return math.inf
-    # A column without noise has no scale of its own.
-    sigma = max(MAD_TO_SIGMA * median_of(known), purest)
+    # A column without noise has no scale of its own; where most samples are alike, so has one of little noise.
+    sigma = math.hypot(max(MAD_TO_SIGMA * median_of(known), purest), rounding)
     return sigma * sigmas_allowed(len(known), false_alarm)
 
 

@@ -148,6 +148,21 @@ def test_no_course_of_noise_lines_or_transients_is_rejected(seed: int, samples: 
     assert odd_sample(white + added, resolution=2.0 if kind == "steps" else 0.0) is None
 
 
+@pytest.mark.parametrize("noise", [0.1, 0.25, 0.3, 0.5, 1.0])
+@pytest.mark.parametrize("samples", [24, 100, 1000])
+def test_noise_of_any_part_of_the_last_digit_raises_no_alarm(noise: float, samples: int) -> None:
+    random = np.random.default_rng(5)
+    for _ in range(300):
+        digits = np.round(noise * random.standard_normal(samples) + random.uniform(-0.5, 0.5))
+        assert odd_sample(digits, resolution=1.0) is None
+
+
+def test_in_a_column_without_noise_a_sample_some_digits_off_is_found() -> None:
+    digits = np.zeros(400)
+    digits[77] = 6.0
+    assert odd_sample(digits, resolution=1.0)[0] == 77  # type: ignore[index]
+
+
 @pytest.mark.parametrize("frequency_hz", [0.5, 1.0, 2.0, 5.0])
 @pytest.mark.parametrize("amplitude", [0.0, 3e-5, 0.2, 4.0])
 def test_rounding_to_the_last_digit_alone_is_no_flaw(frequency_hz: float, amplitude: float) -> None:
