@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from rigctl.campaign.layout import UnitFindings
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
@@ -193,6 +194,37 @@ def test_a_mask_does_not_know_the_violation(quiet, loud):
     [(run, _)] = without_pulses(violated, quiet[0], (0,))
     assert run.pulses == loud[0][0].pulses
     assert run.spread == pytest.approx(loud[0][0].spread, rel=1e-12)
+
+
+def test_of_a_turning_satellite_the_gradient_is_less_what_its_attitude_adds_to_the_turning():
+    """Rates are those of rotation matrices: turned by -spin about Y, and a little about z at the line of the test."""
+    samples, w, wobble_rad = flown(nature(), "ep_spin")[0], 2.0 * np.pi * (SPIN_HZ + 1.0 / ORBIT_S), 1e-3
+    conditions = {"session": "ep_spin", "spin_frequency_hz": SPIN_HZ}
+    wobbling = {**samples, "att_z": samples["att_z"] + wobble_rad * np.cos(w * samples["t_s"])}
+    plain, moved = (reduce_test("1", conditions, each, ORBIT_S).amplitudes for each in (samples, wobbling))
+
+    def body(t_s):
+        turned = Rotation.from_euler("y", -2.0 * np.pi * SPIN_HZ * t_s)
+        return (turned * Rotation.from_euler("z", wobble_rad * np.cos(w * t_s))).as_matrix()
+
+    def rate_squared(t_s):
+        rate = body(t_s).T @ (body(t_s + 0.01) - body(t_s - 0.01)) / 0.02
+        return rate @ rate
+
+    # In less the angular acceleration is that square: T - In has minus its line.
+    times_s = np.linspace(0.0, 2.0 * np.pi / w, 64, endpoint=False)
+    squares = np.array([rate_squared(t_s) for t_s in times_s])
+    for name, (i, k) in {"t_xy": (0, 1), "t_yz": (1, 2)}.items():
+        expected = -wave(times_s, squares[:, i, k], w)
+        # Amplitudes count along gravity as the satellite sees it.
+        along, across = (moved - plain)[:, INDEX[name]]
+        found = wave(samples["t_s"], along * samples["g_x"] + across * samples["g_z"], w)
+        assert found == pytest.approx(expected, abs=0.01 * np.linalg.norm(expected))
+
+
+def wave(t_s, values, w):
+    """The parts along cosine and sine over whole periods."""
+    return 2.0 * np.array([np.mean(values * np.cos(w * t_s)), np.mean(values * np.sin(w * t_s))])
 
 
 def test_the_calibration_s_uncertainty_is_counted_and_shared_by_all_sessions():
