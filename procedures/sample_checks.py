@@ -9,9 +9,9 @@ the sine breaks there, a sample too many or too few show as a distance far beyon
 besides be sines to their end, and move at the same time.
 
 Undetectable: a sample that is wrong by less than some ten sigma of its column's noise (twenty-five for the first and
-the last one) or 1e-4 of its sine; a sample too many or too few where the sine changes by less than that from one
-sample to the next, as that of a sensor near its null does, or at its turning points; records of fewer than `SMALLEST`
-samples. There drivers have to count samples.
+the last one), by less than five to eight of its last digits (eight to thirteen) or 1e-4 of its sine; a sample too
+many or too few where the sine changes by less than that from one sample to the next, as that of a sensor near its
+null does, or at its turning points; records of fewer than `SMALLEST` samples. There drivers have to count samples.
 """
 
 from __future__ import annotations
