@@ -36,7 +36,7 @@ class Elsewhere:
 def found_elsewhere(rig: Rig, name: str, say: Callable[[str], None]) -> Elsewhere | None:
     """The first other place at which this instrument answers; None when there is none, or it is simulated.
 
-    Each place is said before it is tried: at a dead one a driver's questions wait for seconds.
+    Of several each is said before it is tried: at a dead one a driver's questions wait for seconds.
     """
     table = rig.file.instruments[name]
     if table.simulated:
@@ -45,7 +45,8 @@ def found_elsewhere(rig: Rig, name: str, say: Callable[[str], None]) -> Elsewher
     hasty = _hasty(driver.settings)
     places = list(_places(table.address, driver.declaration))
     for number, (address, words) in enumerate(places, 1):
-        say(f"{name}: no answer yet; asked at {words}, {number} of {len(places)}")
+        if len(places) > 1:
+            say(f"{name}: no answer yet; asked at {words}, {number} of {len(places)}")
         tried = driver.build(name, hasty, connector(address, rig.clock, floor_s=PATIENCE_S), rig.clock)
         # Twice: what the instrument has heard at another rate may spoil the first question.
         if not (_answers(tried) or _answers(tried)):
