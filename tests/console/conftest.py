@@ -31,6 +31,11 @@ class Seat:
         strips = self.app.screen._compositor.render_strips()
         return "\n".join("".join(segment.text for segment in strip).rstrip() for strip in strips)
 
+    @property
+    def log(self) -> str:
+        """What the console has noted: a note on the screen gives way to the next one."""
+        return "\n".join(self.app._panes.log._lines)
+
     async def press(self, *keys: str) -> None:
         """Keys, one after the other."""
         await self.pilot.press(*keys)
@@ -40,10 +45,10 @@ class Seat:
         await self.pilot.press(*words, "enter")
 
     async def until(self, condition: Callable[[], object], timeout_s: float = 60.0) -> None:
-        """Wait until something is so; the screen is in the message when it does not come about."""
+        """Wait until something is so; the screen and the log are in the message when it does not come about."""
         deadline = time.monotonic() + timeout_s
         while not condition():
-            assert time.monotonic() < deadline, f"it did not happen:\n{self.text}"
+            assert time.monotonic() < deadline, f"it did not happen:\n{self.text}\n{self.log}"
             await self.pilot.pause(POLL_S)
 
     async def sees(self, words: str, timeout_s: float = 60.0) -> None:
