@@ -10,10 +10,12 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from rigctl.analysis.correlated_groups import CorrelatedGroups, Factor
 from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import FloatArray, IntArray
 
@@ -108,11 +110,16 @@ class Observations:
     angle: str | None = None
     frequency: str | None = None
     levels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    factors: tuple[tuple[IntArray, FloatArray], ...] = ()
+    factors: tuple[Factor, ...] = ()
     offsets: tuple[SharedOffset, ...] = ()
     indicators: Mapping[str, FloatArray] = field(default_factory=dict)
     templates: Mapping[tuple[int, str], FloatArray] = field(default_factory=dict)
     excluded: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def correlated(self) -> CorrelatedGroups:
+        """The `factors`, to be applied to columns of all data."""
+        return CorrelatedGroups(self.factors, len(self.value))
 
     def of_runs(self, name: str) -> FloatArray:
         """A covariate at every datum, shape (n,)."""

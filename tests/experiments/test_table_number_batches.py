@@ -11,11 +11,13 @@ from scipy import stats
 
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
-from rigctl.experiments.table.batches import level_of
+from rigctl.core.errors import DataError
+from rigctl.experiments.table.batches import are_too_many, correlation, level_of
 from rigctl.experiments.table.between import Between, shapes_between
 from rigctl.experiments.table.explained import significant_between
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.findings import Diagnosis
+from rigctl.workbench.study import SharedOffset
 from rigctl.workbench.verdict.diagnose import diagnose
 
 SET_POINTS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], set[str]]] = {
@@ -99,6 +101,60 @@ def test_an_effect_between_batches_is_found_where_it_is_large_against_their_scat
     table = study(columns, "b0", words)
     assert set(offsets(table)) == {"lot"}
     assert named(diagnose(table, ())) == {"linear[humidity]"}
+
+
+@pytest.mark.parametrize("worded", [False, True])
+def test_of_thousands_of_readings_batches_share_offsets_too(worded: bool) -> None:
+    """Taken for independent, 2400 readings of 40 lots show whatever differs between lots."""
+    columns = lots(7, 40, 60)
+    columns["y"] = columns["y"] + 0.3 * columns["a"]
+    words = {"lot": [f"L{number:02.0f}" for number in columns["lot"]]} if worded else {}
+    if worded:
+        del columns["lot"]
+    table = study(columns, "b0", words)
+    (share,) = offsets(table).values()
+    # The variance of 40 offsets, which is 4 of the 5 in all, is known to 22 % (sqrt(2 / 39)).
+    ratio = share**2 / (1.0 - share**2)
+    assert ratio == pytest.approx(4.0, rel=3.0 * (2.0 / 39.0) ** 0.5)
+    assert named(diagnose(table, ())) == {"linear[a]"}
+
+
+def test_readings_without_a_common_value_are_groups_of_their_own() -> None:
+    rng = np.random.default_rng(4)
+    lot, wafer = rng.integers(0, 30, 900), rng.integers(0, 4, 900)
+    inner = np.unique(np.stack([lot, wafer], axis=1), axis=0, return_inverse=True)[1].ravel()
+    shared = (SharedOffset("lot", lot, 0.6), SharedOffset("wafer", inner, 0.5))
+    factors = correlation(shared, 900)
+    assert sorted(len(where) for where, _ in factors) == sorted(np.bincount(lot))
+    built = np.zeros((900, 900))
+    for where, factor in factors:
+        built[np.ix_(where, where)] = factor @ factor.T
+    wanted = (1.0 - 0.36 - 0.25) * np.eye(900) + 0.36 * np.equal.outer(lot, lot) + 0.25 * np.equal.outer(inner, inner)
+    assert built == pytest.approx(wanted, abs=1e-12)
+    # What crosses ties all readings together.
+    (whole,) = correlation((SharedOffset("lot", lot, 0.6), SharedOffset("operator", wafer, 0.5)), 900)
+    assert np.array_equal(whole[0], np.arange(900))
+
+
+@pytest.mark.parametrize(
+    ("readings", "values", "are"),
+    [(2_000, 2_000, False), (10_000, 400, False), (10_000, 401, True), (10_001, 40, True), (4_002, 2, True)],
+)
+def test_beyond_what_can_be_worked_out_offsets_are_refused(readings: int, values: int, are: bool) -> None:
+    assert are_too_many([np.arange(readings) % values]) == are
+
+
+def test_declared_batches_of_too_many_readings_are_refused_in_one_line() -> None:
+    rows = 12_000
+    rng = np.random.default_rng(0)
+    header = Header("table", extra={"table": {"response": "y", "baseline": "b0", "start": {}, "batch": ["lot"]}})
+    record = RunRecord(READINGS, READINGS, "import", {"lot": [f"L{number}" for number in np.arange(rows) % 50]})
+    numbers = {"y": rng.normal(size=rows)}
+    recording = Recording(header, (record,), {READINGS: numbers}, ImportReport(1))
+    told = r"\[table\] batch: offsets of 12000 readings with 50 values of lot are too many"
+    with pytest.raises(DataError, match=told) as said:
+        TableStudy(recording)
+    assert "\n" not in str(said.value)
 
 
 def test_an_effect_within_batches_is_found_beside_them() -> None:

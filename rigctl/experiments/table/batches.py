@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy import sparse
 
+from rigctl.analysis.correlated_groups import CorrelatedGroups, Factor
 from rigctl.analysis.variance_components import variance_components
 from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.core.errors import DataError
 from rigctl.experiments.table.between import Between, shapes_between
 from rigctl.experiments.table.catalogue import why_not
 from rigctl.experiments.table.explained import shares_offsets, significant_between
@@ -41,8 +43,12 @@ _EFFECTS_MAX = 5
 _SHARE_BETWEEN = 1.0 / 3.0
 _KNOWN_WITHIN = 1.0 / 3.0
 """Of the variance of a number: with so much of it within batches the size of its effects is known from there."""
-READINGS_MAX = 2000
-"""Beyond, offsets are not looked for: their covariance is a matrix of all readings."""
+NEVER_TOO_MANY, READINGS_MAX, TOGETHER_MAX, NUMBERS_MAX = 2_000, 10_000, 2_000, 4_000_000
+"""Up to so many readings offsets are always looked for; of more, where there are no more readings, none that hang
+together and no more readings times values than this: what takes a minute and 3 GB."""
+
+FEW_READINGS = 500
+"""One matrix of so many is faster than one for each batch."""
 
 Ratios = Mapping[str, float]
 """Of columns, the variance of what readings of one value share, to that of a single reading."""
@@ -58,10 +64,16 @@ def ratios_of(
     What effects of the catalogue do within batches is projected out; between batches what the baseline does, and the
     effects that stand out of the batches' scatter: other effects that vary only there are judged against it.
     """
-    if left.size > READINGS_MAX:
-        return {}
     scatter = Scatter(readings, effects, left, slopes)
     levels = levels_of(readings)
+    if are_too_many(list(levels.values())):
+        levels = {name: level for name, level in levels.items() if name in readings.spec.batch}
+        if are_too_many(list(levels.values())):
+            raise DataError(
+                f"recording.toml: [table] batch: offsets of {left.size} readings with "
+                f"{' and '.join(f'{level.max() + 1} values of {name}' for name, level in levels.items())} "
+                "are too many to be told from noise; give a part of the readings, or the mean of each batch"
+            )
     found = scatter.ratios(levels) if levels else {}
     for name in scatter.numbers(found):
         more = scatter.ratios({each: level_of(readings, each) for each in (*found, name)})
@@ -89,14 +101,19 @@ class Scatter:
             found = beside._components(asked)
         return found
 
-    def numbers(self, known: Iterable[str]) -> Iterator[str]:
+    def numbers(self, known: Collection[str]) -> Iterator[str]:
         """Columns of numbers whose values name batches; of those that sort the readings alike one."""
         taken = {_partition(level_of(self.readings, name)) for name in known}
         alike: dict[bytes, list[Column]] = {}
         for column in self.readings.columns.values():
             if _may_name_batches(column, self.readings):
                 alike.setdefault(_partition(level_of(self.readings, column.name)), []).append(column)
-        asked = [columns for partition, columns in alike.items() if partition not in taken]
+        others = [level_of(self.readings, name) for name in known]
+        asked = [
+            columns
+            for partition, columns in alike.items()
+            if partition not in taken and not are_too_many([*others, level_of(self.readings, columns[0].name)])
+        ]
         for columns in asked:
             # Lots are numbered one by one, what else differs between them is not.
             name = min(columns, key=lambda column: not _is_even(column)).name
@@ -147,10 +164,10 @@ class Scatter:
         offsets = tuple(SharedOffset(name, levels[name], share) for name, share in _shares(ratios).items())
         if not offsets:
             return None
-        ((_, factor),) = correlation(offsets, self.left.size)
+        groups = CorrelatedGroups(correlation(offsets, self.left.size), self.left.size)
 
         def white(columns: FloatArray) -> FloatArray:
-            return np.asarray(solve_triangular(factor, self._weighed(columns), lower=True, check_finite=False))
+            return groups.solve(self._weighed(columns))
 
         design = self._design(levels, white)
         for level in levels.values():
@@ -204,15 +221,43 @@ def _shares(ratios: Ratios) -> dict[str, float]:
     return {name: float(np.sqrt(ratio / total)) for name, ratio in ratios.items() if ratio > 0.0}
 
 
-def correlation(offsets: tuple[SharedOffset, ...], count: int) -> tuple[tuple[IntArray, FloatArray], ...]:
-    """Of all readings, as `Observations.factors` has it."""
+def correlation(offsets: tuple[SharedOffset, ...], count: int) -> tuple[Factor, ...]:
+    """Of so many readings, as `Observations.factors` has it: those that share nothing are groups of their own."""
     if not offsets:
         return ()
-    # Unit diagonal: the sigmas hold the whole variance.
-    matrix = np.eye(count) * (1.0 - sum(each.share**2 for each in offsets))
-    for each in offsets:
-        matrix += each.share**2 * np.equal.outer(each.level_of, each.level_of)
-    return ((np.arange(count), np.asarray(np.linalg.cholesky(matrix))),)
+    factors = []
+    for members in readings_together([each.level_of for each in offsets], count):
+        # Unit diagonal: the sigmas hold the whole variance.
+        matrix = np.eye(len(members)) * (1.0 - sum(each.share**2 for each in offsets))
+        for each in offsets:
+            level = each.level_of[members]
+            matrix += each.share**2 * np.equal.outer(level, level)
+        factors.append((members, np.asarray(np.linalg.cholesky(matrix))))
+    return tuple(factors)
+
+
+def are_too_many(levels: Sequence[IntArray]) -> bool:
+    """Whether offsets of these values, (n,) each, would take too long to be told."""
+    count = len(levels[0]) if levels else 0
+    if count <= NEVER_TOO_MANY:
+        return False
+    values = sum(int(level.max()) + 1 for level in levels)
+    if count > READINGS_MAX or count * values > NUMBERS_MAX:
+        return True
+    return max(map(len, readings_together(levels, count))) > TOGETHER_MAX
+
+
+def readings_together(levels: Sequence[IntArray], count: int) -> list[IntArray]:
+    """Readings that hang together by values they share, each set in the order of the readings; of few all."""
+    if count <= FEW_READINGS:
+        return [np.arange(count)]
+    # Each value is a node that its readings are tied to.
+    begins = count + np.cumsum([0, *(int(level.max()) + 1 for level in levels)])
+    ties = np.tile(np.arange(count), len(levels)), np.concatenate(list(map(np.add, levels, begins)))
+    graph = sparse.coo_matrix((np.ones(len(ties[0])), ties), (begins[-1], begins[-1]))
+    together = sparse.csgraph.connected_components(graph, directed=False)[1][:count]
+    ends = np.cumsum(np.unique(together, return_counts=True)[1])[:-1]
+    return np.split(np.argsort(together, kind="stable"), ends)
 
 
 def _may_name_batches(column: Column, readings: Readings) -> bool:

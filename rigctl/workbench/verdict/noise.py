@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
+from rigctl.analysis.correlated_groups import CorrelatedGroups, Factor
 from rigctl.analysis.decomposition import basis_by_gram, svd
 from rigctl.analysis.lengths import lengths
 from rigctl.core.arrays import FloatArray, IntArray
@@ -44,7 +44,7 @@ class Noise:
 
     sigma: FloatArray
     dof: FloatArray
-    factors: tuple[tuple[IntArray, FloatArray], ...]
+    factors: tuple[Factor, ...]
     correlations: tuple[Correlation, ...]
     between: tuple[tuple[FloatArray, float], ...] = ()
     """Of offsets that data share, what varies only between them, whitened, (n, k), and their degrees of freedom."""
@@ -56,57 +56,45 @@ class Noise:
     def whiten(self, columns: FloatArray) -> FloatArray:
         """W columns, shape (n,) or (n, k): independent, of unit variance where `columns` are this noise."""
         scaled = columns / (self.sigma if columns.ndim == 1 else self.sigma[:, None])
-        for where, factor in self.factors:
-            # R = L L': L^-1 makes a correlated group independent. Many columns concern a few of the groups.
-            own = scaled[where]
-            used = np.flatnonzero(own.any(axis=0)) if own.ndim > 1 else None
-            if used is None or len(used) == own.shape[1]:
-                scaled[where] = solve_triangular(factor, own, lower=True, check_finite=False)
-            elif len(used):
-                white = solve_triangular(factor, own[:, used], lower=True, check_finite=False)
-                scaled[where[:, None], used] = white
-        return np.asarray(scaled, dtype=np.float64)
+        return np.asarray(self._groups.solve(scaled), dtype=np.float64)
 
     def whiten_rows(self, rows: IntArray, columns: FloatArray) -> tuple[IntArray, FloatArray]:
         """Columns (rows, k) that are zero elsewhere, whitened: the rows they then have, and their values there."""
-        factors = [
-            (where, factor) for where, factor in self.factors if np.isin(where, rows, assume_unique=True).any()
-        ]
+        touched = np.zeros(len(self.sigma), dtype=bool)
+        touched[rows] = True
+        factors = [(where, factor) for where, factor in self.factors if touched[where].any()]
         if not factors:
             return rows, columns / self.sigma[rows][:, None]
         everywhere = np.unique(np.concatenate([rows, *(where for where, _ in factors)]))
         white = np.zeros((len(everywhere), columns.shape[1]))
         white[np.searchsorted(everywhere, rows)] = columns / self.sigma[rows][:, None]
-        for where, factor in factors:
-            members = np.searchsorted(everywhere, where)
-            white[members] = solve_triangular(factor, white[members], lower=True, check_finite=False)
-        return everywhere, white
+        if len(everywhere) == len(self.sigma):
+            return everywhere, self._groups.solve(white)
+        own = [(np.searchsorted(everywhere, where), factor) for where, factor in factors]
+        return everywhere, CorrelatedGroups(own, len(everywhere)).solve(white)
 
     def colour(self, white: FloatArray) -> FloatArray:
         """The inverse of `whiten`: noise of this kind from independent numbers of unit variance."""
-        coloured = white.copy()
-        for where, factor in reversed(self.factors):
-            coloured[where] = factor @ coloured[where]
+        coloured = self._groups.times(white)
         return np.asarray(coloured * (self.sigma if white.ndim == 1 else self.sigma[:, None]), dtype=np.float64)
 
     def variance_of(self, sums: FloatArray) -> FloatArray:
         """Covariance (k, k) of sums of the data with weights (n, k)."""
-        spread = sums * self.sigma[:, None]
-        for where, factor in self.factors:
-            spread[where] = factor.T @ spread[where]
+        spread = self._groups.transposed_times(sums * self.sigma[:, None])
         return np.asarray(spread.T @ spread)
 
     def weights_of(self, white: FloatArray) -> FloatArray:
         """W' columns (n, k): the weights of the data themselves in sums of whitened data."""
-        weights = white.copy()
-        for where, factor in reversed(self.factors):
-            weights[where] = solve_triangular(factor, weights[where], lower=True, trans="T", check_finite=False)
-        return np.asarray(weights / self.sigma[:, None], dtype=np.float64)
+        return np.asarray(self._groups.solve_transposed(white) / self.sigma[:, None], dtype=np.float64)
 
     def log_determinant(self) -> float:
         """Of the covariance."""
         of_factors = sum(float(np.sum(np.log(np.diag(factor)))) for _, factor in self.factors)
         return 2.0 * (float(np.sum(np.log(self.sigma))) + of_factors)
+
+    @cached_property
+    def _groups(self) -> CorrelatedGroups:
+        return CorrelatedGroups(self.factors, len(self.sigma))
 
     def total_sigma(self) -> FloatArray:
         """Standard deviation of each datum, correlations included, shape (n,)."""

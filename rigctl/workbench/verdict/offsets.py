@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
@@ -16,17 +15,14 @@ def in_units(given: Observations, where: IntArray, columns: FloatArray) -> Float
     """Columns at some of the data in units of the given sigma; without shared offsets, where all data are there."""
     scaled = np.asarray(columns / (given.sigma[where] if columns.ndim == 1 else given.sigma[where][:, None]))
     if given.offsets and len(where) == len(given.value):
-        for members, factor in given.factors:
-            scaled[members] = solve_triangular(factor, scaled[members], lower=True, check_finite=False)
+        return given.correlated.solve(scaled)
     return scaled
 
 
 def from_units(given: Observations, where: IntArray, columns: FloatArray) -> FloatArray:
     """The inverse of `in_units` for columns (n, k)."""
-    scaled = columns.copy()
-    if given.offsets and len(where) == len(given.value):
-        for members, factor in given.factors:
-            scaled[members] = factor @ scaled[members]
+    shared = given.offsets and len(where) == len(given.value)
+    scaled = given.correlated.times(columns) if shared else columns
     return np.asarray(scaled * given.sigma[where][:, None])
 
 
@@ -35,11 +31,9 @@ def without_offsets(given: Observations, residuals: FloatArray) -> FloatArray:
     if not given.offsets:
         return residuals
     single = 1.0 - sum(each.share**2 for each in given.offsets)
-    left = residuals / given.sigma
-    for members, factor in given.factors:
-        # With V the correlation of all: what is a datum's own is (single I) V^-1 of the residuals.
-        left[members] = single * cho_solve((factor, True), left[members], check_finite=False)
-    return np.asarray(left * given.sigma)
+    # With V the correlation of all: what is a datum's own is (single I) V^-1 of the residuals.
+    own = single * given.correlated.solve_transposed(given.correlated.solve(residuals / given.sigma))
+    return np.asarray(own * given.sigma)
 
 
 def with_offsets(given: Observations, noise: Noise) -> Noise:
