@@ -122,7 +122,7 @@ def _pulls(seed: int, rig_toml: str) -> list[float]:
             },
         }
     )
-    recording = sampled(nature, [SampledRun("c", 60.0, 20, v_z_v=level) for level in (0.0, 0.5, 1.0)])
+    recording = sampled(nature, [SampledRun("c", 60.0, 12, v_z_v=level) for level in (0.0, 1.0)])
     recording = replace(recording, header=replace(recording.header, rig_toml=rig_toml))
     study = PlatformStudy(recording)
     noises = chain_noise(recording.header, ())
