@@ -7,6 +7,7 @@ parameters can imitate is projected out of the effect's change of the harmonics.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -120,14 +121,14 @@ def drawn_noise(random: np.random.Generator) -> Noise:
     )
 
 
-def harmonics(design: Design, samples: Floats) -> Floats:
-    """Constant, and in phase and quadrature at nu, 2 nu and 3 nu, of the samples of every run."""
+def harmonics(design: Design, signals: Floats) -> Floats:
+    """Constant, and in phase and quadrature at nu, 2 nu and 3 nu, of signals (k, runs, samples); (k, runs, 7)."""
     drive = 2.0 * np.pi * design.frequency_hz[:, None] * design.time_s
     found = []
-    for phase, values in zip(drive, samples, strict=True):
+    for phase, values in zip(drive, signals.swapaxes(0, 1), strict=True):
         basis = [np.ones_like(phase), *(shape(n * phase) for n in (1, 2, 3) for shape in (np.sin, np.cos))]
-        found.append(np.linalg.lstsq(np.column_stack(basis), values, rcond=None)[0])
-    return np.array(found)
+        found.append(np.linalg.lstsq(np.column_stack(basis), values.T, rcond=None)[0])
+    return np.array(found).transpose(2, 0, 1)
 
 
 def in_sigma(design: Design, noise: Noise, given: Readings) -> Floats:
@@ -135,42 +136,52 @@ def in_sigma(design: Design, noise: Noise, given: Readings) -> Floats:
     nu = design.frequency_hz[:, None] * np.array([1, 1, 2, 2, 3, 3])
     at_harmonics = np.sqrt(noise.density(nu, design.rate_hz) / design.duration_s)
     constant = np.full((design.runs, 1), 1.2 * noise.drifting_v)
-    accel = harmonics(design, given.accel_v) / np.hstack([constant, at_harmonics])
+    accel, *heads = harmonics(design, np.stack([given.accel_v, *given.laser_m]))
     of_head = noise.laser_m * np.sqrt(2.0 / (design.rate_hz * design.duration_s))
-    heads = [harmonics(design, head)[design.lasers, 1:] / of_head for head in given.laser_m]
-    return np.concatenate([accel.ravel(), *(head.ravel() for head in heads)])
+    seen = [(head[design.lasers, 1:] / of_head).ravel() for head in heads]
+    return np.concatenate([(accel / np.hstack([constant, at_harmonics])).ravel(), *seen])
 
 
-def baseline_columns(design: Design, bench: Bench, noise: Noise) -> Floats:
-    """How the observables follow what the baseline fits: axis, mountings, gains and levels."""
-    start = in_sigma(design, noise, readings(design, bench))
-    changed: list[tuple[Bench, float]] = []
-    for number in (1, 2):
-        changed.append((replace(bench, axis_ijk=bench.axis_ijk + 1e-6 * np.eye(3)[number]), 1e-6))
-    for place in np.ndindex(2, 3):
-        delta = bench.delta_rad.copy()
-        delta[place] += 1e-6
-        changed.append((replace(bench, delta_rad=delta), 1e-6))
-    for flag in (False, True):
-        changed.append((replace(bench, gain={**bench.gain, flag: bench.gain[flag] * (1.0 + 1e-6)}), 1e-6))
-        level = bench.level_v.copy()
-        level[int(flag)] += 1e-5
-        changed.append((replace(bench, level_v=level), 1e-5))
-    columns = [(in_sigma(design, noise, readings(design, other)) - start) / step for other, step in changed]
-    return np.column_stack(columns)
+class Sight:
+    """What a recording on a bench without effects can show; what the baseline can imitate is found once."""
 
+    def __init__(self, design: Design, bench: Bench, noise: Noise) -> None:
+        self._design, self._bench, self._noise = design, bench, noise
 
-def size_of(design: Design, bench: Bench, noise: Noise, effects: dict[str, float]) -> float:
-    """The effects' visible size: their change of the observables, in sigma, after the baseline has refitted."""
-    start = in_sigma(design, noise, readings(design, bench))
-    change = in_sigma(design, noise, readings(design, bench.with_effects(effects))) - start
-    columns = baseline_columns(design, bench, noise)
-    columns /= np.linalg.norm(columns, axis=0)
-    return float(np.linalg.norm(change - columns @ np.linalg.lstsq(columns, change, rcond=None)[0]))
+    def size(self, effects: dict[str, float]) -> float:
+        """The effects' visible size: their change of the observables, in sigma, after the baseline has refitted."""
+        change = self._seen(self._bench.with_effects(effects)) - self._start
+        return float(np.linalg.norm(change - self._imitated @ (self._imitated.T @ change)))
+
+    def _seen(self, bench: Bench) -> Floats:
+        return in_sigma(self._design, self._noise, readings(self._design, bench))
+
+    @cached_property
+    def _start(self) -> Floats:
+        return self._seen(self._bench)
+
+    @cached_property
+    def _imitated(self) -> Floats:
+        """What the baseline fits can do to the observables, as a basis: axis, mountings, gains and levels."""
+        bench = self._bench
+        changed: list[tuple[Bench, float]] = []
+        for number in (1, 2):
+            changed.append((replace(bench, axis_ijk=bench.axis_ijk + 1e-6 * np.eye(3)[number]), 1e-6))
+        for place in np.ndindex(2, 3):
+            delta = bench.delta_rad.copy()
+            delta[place] += 1e-6
+            changed.append((replace(bench, delta_rad=delta), 1e-6))
+        for flag in (False, True):
+            changed.append((replace(bench, gain={**bench.gain, flag: bench.gain[flag] * (1.0 + 1e-6)}), 1e-6))
+            level = bench.level_v.copy()
+            level[int(flag)] += 1e-5
+            changed.append((replace(bench, level_v=level), 1e-5))
+        columns = np.column_stack([(self._seen(other) - self._start) / step for other, step in changed])
+        return np.linalg.qr(columns / np.linalg.norm(columns, axis=0))[0]
 
 
 def drawn_effect(
-    random: np.random.Generator, name: str, design: Design, bench: Bench, noise: Noise, size_sigma: float
+    random: np.random.Generator, name: str, design: Design, noise: Noise, sight: Sight, size_sigma: float
 ) -> dict[str, float]:
     """The effect's parameters at the size wanted: its direction drawn, its length scaled."""
     if name == "mains-pickup":
@@ -187,7 +198,7 @@ def drawn_effect(
     names = [f"{part}[{head}]" if name.startswith("laser") else part for part in (KNOWN | UNKNOWN)[name]]
     direction = random.choice([-1.0, 1.0], len(names)) * random.uniform(0.6, 1.0, len(names))
     unit = {part: TRIAL_STEP[part.partition("[")[0]] * float(way) for part, way in zip(names, direction, strict=True)}
-    scale = size_sigma / size_of(design, bench, noise, unit)
+    scale = size_sigma / sight.size(unit)
     return {part: value * scale for part, value in unit.items()}
 
 
@@ -199,6 +210,7 @@ def drawn(seed: int) -> Trial:
     random = np.random.default_rng([20261122, seed])
     design = drawn_design(random)
     bench, noise = drawn_bench(random, design), drawn_noise(random)
+    sight = Sight(design, bench, noise)
     kind = random.choice(["none", "one", "two", "unknown"], p=[0.1, 0.55, 0.15, 0.2])
     count = {"none": 0, "one": 1, "two": 2, "unknown": 1}[str(kind)]
     family = sorted(UNKNOWN if kind == "unknown" else KNOWN)
@@ -208,10 +220,10 @@ def drawn(seed: int) -> Trial:
     while names:
         name = names.pop(0)
         size = float(random.uniform(8.0, 20.0))
-        parameters = drawn_effect(random, name, design, bench, noise, size)
+        parameters = drawn_effect(random, name, design, noise, sight, size)
         if any(abs(value) > MOST_TILT_RAD for part, value in parameters.items() if part.startswith("dt")):
             names.append(str(random.choice(sorted({*family} - {name, *names, *hidden}))))
             continue
-        hidden[name] = size if name == "mains-pickup" else size_of(design, bench, noise, parameters)
+        hidden[name] = size if name == "mains-pickup" else sight.size(parameters)
         effects |= parameters
     return Trial(design, bench.with_effects(effects), noise, hidden)
