@@ -8,10 +8,11 @@ follows from the noise's autocovariance; what the baseline can imitate is projec
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import matmul_toeplitz
+from scipy import fft
 
 from tests.foreign.platform_bundle import Noise
 from tests.foreign.platform_world import CHANNELS, Floats, Platform, Run, angle, moving, readings
@@ -60,14 +61,22 @@ def time_bins(run: Run, bench: Platform, sign: Floats) -> list[Floats]:
     return [inside / max(1, inside.sum()) for inside in found]
 
 
+def covariance_of(weights: Floats, autocovariance: Floats) -> Floats:
+    """Of weighted sums, weights in rows, of samples with an autocovariance."""
+    count = len(autocovariance)
+    # Toeplitz within a circle that is long enough, of a length that is quickly transformed.
+    size = fft.next_fast_len(2 * count - 1, real=True)
+    circle = np.concatenate([autocovariance, np.zeros(size - 2 * count + 1), autocovariance[:0:-1]])
+    through = fft.irfft(fft.rfft(weights, size) * fft.rfft(circle), size)[:, :count]
+    return np.asarray(through @ weights.T)
+
+
 def whitener(run: Run, bench: Platform, noise: Noise, weights: Floats) -> Floats:
     """W with W (covariance of the observables) W' = 1."""
     theta, _, _ = angle(run, bench, run.time_s)
-    chain = weights @ matmul_toeplitz(noise.autocovariance(run), weights.T)
-    covariance = chain
+    covariance = covariance_of(weights, noise.autocovariance(run))
     for shape in (np.cos(theta), np.sin(theta)):
-        turned = weights * shape
-        covariance = covariance + turned @ matmul_toeplitz(noise.pendulum_autocovariance(run), turned.T)
+        covariance = covariance + covariance_of(weights * shape, noise.pendulum_autocovariance(run))
     scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     seen = values > RELATIVE_RANK * values.max()
@@ -94,10 +103,13 @@ class Sight:
         ]
         return np.concatenate(parts)
 
+    @cached_property
+    def _unchanged(self) -> list[dict[str, Floats]]:
+        return [readings(run, self.bench) for run in self.runs]
+
     def change(self, other: Platform) -> Floats:
-        before = [readings(run, self.bench) for run in self.runs]
         after = [readings(run, other) for run in self.runs]
-        differences = [{c: b[c] - a[c] for c in CHANNELS} for a, b in zip(before, after, strict=True)]
+        differences = [{c: b[c] - a[c] for c in CHANNELS} for a, b in zip(self._unchanged, after, strict=True)]
         return self.observed(differences)
 
     def baseline(self) -> Floats:

@@ -137,18 +137,18 @@ def progress(law: str, u: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def angle(run: Run, bench: Platform, time_s: Floats) -> tuple[Floats, Floats, Floats]:
-    """Angle (cumulative, rad), rate and angular acceleration."""
+    """Angle (cumulative, rad), rate and angular acceleration; times ascend."""
     first = 0 if run.turns[0][2] < 0 else 1
     theta = np.full_like(time_s, np.pi * first)
     rate, acceleration = np.zeros_like(time_s), np.zeros_like(time_s)
     for start, stop, sign in run.turns:
         way = np.pi if bench.forward or sign < 0 else -np.pi
-        u = np.clip((time_s - start) / (stop - start), 0.0, 1.0)
-        moving = (u > 0.0) & (u < 1.0)
-        done, speed, jerk = progress(bench.law, u)
-        theta = theta + way * done
-        rate = rate + np.where(moving, way * speed / (stop - start), 0.0)
-        acceleration = acceleration + np.where(moving, way * jerk / (stop - start) ** 2, 0.0)
+        begin, end = np.searchsorted(time_s, (start, stop))
+        done, speed, jerk = progress(bench.law, (time_s[begin:end] - start) / (stop - start))
+        theta[begin:end] += way * done
+        theta[end:] += way
+        rate[begin:end] = way * speed / (stop - start)
+        acceleration[begin:end] = way * jerk / (stop - start) ** 2
     return theta, rate, acceleration
 
 
@@ -163,13 +163,12 @@ def moving(run: Run, bench: Platform) -> Flags:
 
 def after_turns(run: Run, bench: Platform, time_s: Floats) -> tuple[Floats, Floats, Floats]:
     """Seconds since the end of the last turn (inf before the first), its direction, turns completed."""
-    since, direction, count = np.full_like(time_s, np.inf), np.zeros_like(time_s), np.zeros_like(time_s)
-    for _, stop, after in run.turns:
-        past = time_s >= stop
-        since = np.where(past, time_s - stop, since)
-        direction = np.where(past, 1.0 if bench.forward else -after, direction)
-        count = count + past
-    return since, direction, count
+    _, stops, after = np.array(run.turns).T
+    count = np.searchsorted(stops, time_s, side="right")
+    last = np.maximum(count, 1) - 1
+    ways = np.ones_like(after) if bench.forward else -after
+    since, direction = np.where(count, time_s - stops[last], np.inf), np.where(count, ways[last], 0.0)
+    return since, direction, count.astype(np.float64)
 
 
 def temperature_c(run: Run, bench: Platform, time_s: Floats) -> Floats:
