@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.composition import opened_workbench
+from rigctl.campaign.bundle.bundle import read_bundle
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.verdict.fitted_model import fit_with_given_noise
 from tests.foreign.platform_bundle import Habits, Noise, noises, write
@@ -196,18 +196,14 @@ def squared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Noise]:
     return bundle, quiet
 
 
-def test_what_an_external_sine_bends_within_a_period_is_no_noise(squared: tuple[Path, Noise], tmp_path: Path) -> None:
+def test_what_an_external_sine_bends_within_a_period_is_no_noise(squared: tuple[Path, Noise]) -> None:
     """Of some 100 degrees of freedom a density is known to a seventh; the sine's bend was a hundred times it."""
     bundle, noise = squared
-    store = tmp_path / "sine.rig.sqlite"
-    run("import", str(bundle), "--store", str(store))
     frequency_hz = np.array([1.0 / 60.0, 0.2, 1.0])
     pendulum = noise.pendulum * np.clip((frequency_hz / 0.2) ** 2, 1.0, 100.0)
     true = noise.white + noise.flicker / frequency_hz**noise.exponent + pendulum**2
-    with opened_workbench(store, ()) as workbench:
-        assert isinstance(workbench.study, PlatformStudy)
-        for each in workbench.study.recorded.channels:
-            assert each.noise(frequency_hz) / true == pytest.approx(1.0, abs=4.0 / 7.0), each.run.run_id
+    for each in PlatformStudy(read_bundle(bundle)).recorded.channels:
+        assert each.noise(frequency_hz) / true == pytest.approx(1.0, abs=4.0 / 7.0), each.run.run_id
 
 
 def test_a_square_that_one_channel_cannot_show_is_held_there_and_the_ladder_falls_as_promised(
@@ -264,14 +260,11 @@ def test_what_the_temperature_bends_within_long_periods_is_no_noise(seed: int, t
     """
     trial = drawn(seed)
     write(trial.runs, trial.bench, trial.noise, trial.habits, seed, tmp_path / "elsewhere")
-    run("import", str(tmp_path / "elsewhere"), "--store", str(tmp_path / "warm.rig.sqlite"))
     # Above what the world's slowest state cuts off, below the pendulum's rise.
     true = trial.noise.white + trial.noise.flicker / 0.05**trial.noise.exponent
-    with opened_workbench(tmp_path / "warm.rig.sqlite", ()) as workbench:
-        assert isinstance(workbench.study, PlatformStudy)
-        for each in workbench.study.recorded.channels:
-            # Of 20 degrees of freedom a density is known to a third.
-            assert 1.0 / 2.4 < float(each.noise(np.array([0.05]))[0]) / true < 2.4, (each.run.run_id, each.channel)
+    for each in PlatformStudy(read_bundle(tmp_path / "elsewhere")).recorded.channels:
+        # Of 20 degrees of freedom a density is known to a third.
+        assert 1.0 / 2.4 < float(each.noise(np.array([0.05]))[0]) / true < 2.4, (each.run.run_id, each.channel)
 
 
 QUIET_SEEDS = range(7000, 7006)
@@ -287,10 +280,8 @@ def test_the_noise_of_every_output_is_as_large_as_is_said(tmp_path: Path) -> Non
         random = np.random.default_rng(seed)
         runs, bench, noise = drawn_runs(random), drawn_bench(random), drawn_noise(random)
         write(runs, bench, noise, HABITS, seed, tmp_path / f"{seed}")
-        run("import", str(tmp_path / f"{seed}"), "--store", str(tmp_path / f"{seed}.rig.sqlite"))
-        with opened_workbench(tmp_path / f"{seed}.rig.sqlite") as workbench:
-            fit = fit_with_given_noise(workbench.study.model(()), {})
-            left, basis = fit.whitened(), fit.projector.basis
+        fit = fit_with_given_noise(PlatformStudy(read_bundle(tmp_path / f"{seed}")).model(()), {})
+        left, basis = fit.whitened(), fit.projector.basis
         given = fit.model.observations
         freedom = 1.0 - np.einsum("ij,ij->i", basis[: len(left)], basis[: len(left)])
         for number, series in enumerate(given.series):
