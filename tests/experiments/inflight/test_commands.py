@@ -23,7 +23,7 @@ from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.files.certificate_file import CertificateDetails
 from tests.certificate import recomputed
 
-STEP_S = 8.0
+STEP_S = 10.0
 STATED = {"value", "sigma", "unit", "systematic", "paper", "joint"}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from procedures.inflight.monte_carlo import Unit, reduce_unit
 from procedures.inflight.tables import MonteCarlo
@@ -18,11 +17,10 @@ TOLERANCE = np.array([1e-9, 1e-9, 1e-9, 3e-6, 3e-6, 5e-8, 1e-8, 1e-8, 1.0, 1.0])
 DRAWS = tuple(range(16))
 
 
-@pytest.mark.parametrize("seed", [3, 8])
-def test_without_noise_every_parameter_is_the_exact_one(seed: int) -> None:
+def test_without_noise_every_parameter_is_the_exact_one() -> None:
     nature = SatelliteSettings(
         kind="drag-free-satellite",
-        seed=seed,
+        seed=3,
         noise_on=False,
         sample_period_s=STEP_S,
         bounds=Bounds(eta_rad=0.0, tracker_bias_rad=0.0),

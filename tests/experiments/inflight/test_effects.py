@@ -12,7 +12,7 @@ from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.experiments.inflight.study_data import usual_temperatures_k
 from rigctl.report.verdicts import named
 
-ORBIT_S, STEP_S = 5950.0, 4.0
+ORBIT_S, STEP_S = 5950.0, 7.0
 N = 2 * np.pi / ORBIT_S
 SESSIONS = ("dx", "ac12", "ad11", "k2c_1")
 

@@ -12,15 +12,15 @@ from rigctl.experiments.inflight.observe.sessions import Line, session_of
 from rigctl.experiments.inflight.observe.weights import level_weights, weights
 from rigctl.experiments.inflight.result.unseen import unseen
 
-NOISE, KNEE_HZ = 1.2e-12, 0.0
+NOISE, STEP_S = 1.2e-12, 5.0
 TOLERANCE = np.array([1e-9, 1e-9, 1e-9, 3e-6, 3e-6, 2e-7, 1e-8, 1e-8, 1.0, 1.0])
 """Of both estimates without noise; the misses of a_c12 are products of the masses' differences in rotation."""
 
 
 def reduced(flight, instrument, sky, name, lines, sigma):
-    columns, conditions = flight.recorded(name, instrument, sky)
-    session = session_of(name, conditions, flight.ORBIT_S, flight.STEP_S)
-    duration_s = len(columns["t_s"]) * flight.STEP_S
+    columns, conditions = flight.recorded(name, instrument, sky, step_s=STEP_S)
+    session = session_of(name, conditions, flight.ORBIT_S, STEP_S)
+    duration_s = len(columns["t_s"]) * STEP_S
     chosen = session.reduced_lines(duration_s) if lines == "observed" else session.fitted_lines()
     frequencies = [session.frequency_of(line) for line in chosen]
     rows, level = weights(columns["t_s"], frequencies), level_weights(columns["t_s"], frequencies)
