@@ -74,9 +74,9 @@ def test_figures_show_the_line_and_delta_before_and_after(store, tmp_path):
             rows = list(csv.DictReader(file))
         at_line = [row for row in rows if row["is_test"] == "True"]
         assert len(at_line) == 1
-        assert float(at_line[0]["after_m_s2"]) == pytest.approx(7.9 * HIDDEN, rel=0.2)
+        assert float(at_line[0]["after_m_s2"]) == pytest.approx(7.9 * HIDDEN, rel=0.2, abs=0.0)
         # Beside the line is noise, as it is stated.
         others = [float(row["after_m_s2"]) for row in rows if row["is_test"] != "True"]
-        assert sum(others) / len(others) == pytest.approx(float(rows[0]["noise_m_s2"]), rel=0.5)
+        assert sum(others) / len(others) == pytest.approx(float(rows[0]["noise_m_s2"]), rel=0.5, abs=0.0)
     with (tmp_path / "equivalence_delta.csv").open() as file:
         assert [row["name"] for row in csv.DictReader(file)][-1] == "all"
