@@ -12,7 +12,7 @@ from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording,
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.study import Term
-from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.account import Account, account_of
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.compare import compared
 from rigctl.workbench.verdict.diagnose import diagnose
@@ -114,21 +114,26 @@ def test_beyond_the_draws_gains_fall_off_exponentially(monkeypatch: pytest.Monke
         assert np.log(alone.probability(0)) == pytest.approx(-gained / 2.0, abs=error)
 
 
-@pytest.mark.parametrize("seed", [1, 98])
-def test_flicker_noise_that_looks_white_is_neither_an_effect_nor_a_shape(seed: int) -> None:
+@pytest.fixture(scope="module", params=[1, 98])
+def flicker(request: pytest.FixtureRequest) -> tuple[TableStudy, Account]:
+    """Flicker noise that looks white, searched."""
+    study = TableStudy(recording("flicker", request.param))
+    return study, account_of(study, [()])
+
+
+def test_flicker_noise_that_looks_white_is_neither_an_effect_nor_a_shape(flicker: tuple[TableStudy, Account]) -> None:
     """The slow part is projected out where the noise is estimated, and nothing of it was left to be seen."""
-    study = TableStudy(recording("flicker", seed))
-    attempt = Attempt(study, ())
+    study, account = flicker
+    attempt = account.attempt(study, ())
     assert attempt.noise.correlations[0].kernel == ""
     # By the noise that was estimated, an effect or a shape is beyond doubt.
     shape = attempt.best_shape
     assert shape is not None
     assert shape.p_value_corrected < 1e-3
     assert is_adequate(attempt, 0.01)
-    account = account_of(study, [()])
     search = account.search(study, ())
     assert not search.suggested
-    assert compared(account.attempt(study, ()), account, 1).p_value > 0.01
+    assert compared(attempt, account, 1).p_value > 0.01
 
 
 def test_draws_of_correlated_noise_do_not_depend_on_the_signs_of_eigenvectors() -> None:
@@ -147,8 +152,12 @@ def test_draws_of_correlated_noise_do_not_depend_on_the_signs_of_eigenvectors() 
     assert drawn[0] @ drawn[0].T == pytest.approx(covariance, abs=1e-9)
 
 
-def test_what_noise_alone_may_be_is_told_as_hidden_and_how_large_it_would_have_to_be() -> None:
-    found = diagnose(TableStudy(recording("flicker", 98)), ())
+@pytest.mark.parametrize("flicker", [98], indirect=True)
+def test_what_noise_alone_may_be_is_told_as_hidden_and_how_large_it_would_have_to_be(
+    flicker: tuple[TableStudy, Account],
+) -> None:
+    study, account = flicker
+    found = diagnose(study, (), account=account)
     assert found.verdict == "adequate"
     hidden = found.hidden_in_slow_noise[0]
     assert hidden.order == "time_s"
