@@ -243,7 +243,7 @@ def between_lots(columns: Mapping[str, FloatArray]) -> float:
 @pytest.mark.parametrize("worded", [False, True])
 def test_an_effect_that_the_means_of_lots_show_is_found(worded: bool) -> None:
     shown, found = 0, 0
-    for seed in range(8):
+    for seed in range(5):
         columns = in_lots(seed, 14, 6, 1.5, hidden=9.0)
         if between_lots(columns) < 1e-5:
             shown += 1
