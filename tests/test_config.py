@@ -6,7 +6,8 @@ import copy
 import itertools
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,8 @@ from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.core.toml import to_toml
-from rigctl.files.campaign_file import parse_campaign, read_campaign
-from rigctl.files.rig_file import only_tables, parse_rig, read_rig
+from rigctl.files.campaign_file import CampaignFile, parse_campaign, read_campaign
+from rigctl.files.rig_file import RigFile, only_tables, parse_rig, read_rig
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
@@ -458,11 +459,10 @@ def with_extremes(data: dict[str, Any], places: list[tuple[Any, ...]]) -> Iterat
         yield to_toml(copied)
 
 
-def planned_or_refused(campaign_text: str, rig_text: str, refusals: list[str]) -> bool:
+def planned_or_refused(campaign: Callable[[], CampaignFile], rig: Callable[[], RigFile], refusals: list[str]) -> bool:
     """Whether a dry run plans some runs; why not, otherwise, is appended to `refusals`."""
     try:
-        rig = parse_rig(rig_text, Path("rig.toml"))
-        plan = runner.dry_run(parse_campaign(campaign_text, Path("campaign.toml")), rig)
+        plan = runner.dry_run(campaign(), rig())
     except (ConfigError, LimitError) as error:
         refusals.append(str(error))
         return False
@@ -478,18 +478,23 @@ def ill_said(refusals: list[str]) -> list[str]:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_no_number_of_a_campaign_is_too_small_or_too_large_for_a_dry_run(name: str) -> None:
     written = with_defaults(tomllib.loads((CAMPAIGNS / name).read_text()))
-    rig_text, refusals = (CAMPAIGNS / written["rig"]).read_text(), list[str]()
+    rig, refusals = parse_rig((CAMPAIGNS / written["rig"]).read_text(), Path("rig.toml")), list[str]()
     places = numbers({key: written[key] for key in ("procedure", "targets") if key in written})
-    accepted = [planned_or_refused(text, rig_text, refusals) for text in with_extremes(written, places)]
+    accepted = [
+        planned_or_refused(partial(parse_campaign, text, Path("campaign.toml")), lambda: rig, refusals)
+        for text in with_extremes(written, places)
+    ]
     assert any(accepted)
     assert ill_said(refusals) == []
 
 
 @pytest.mark.parametrize("name", ["one-axis.toml", "bias-rejection-days.toml", "microscope.toml"])
 def test_no_number_of_a_rig_is_too_small_or_too_large_for_a_dry_run(name: str) -> None:
-    campaign_text = (CAMPAIGNS / name).read_text()
-    rig = tomllib.loads((CAMPAIGNS / tomllib.loads(campaign_text)["rig"]).read_text())
-    refusals = list[str]()
-    accepted = [planned_or_refused(campaign_text, text, refusals) for text in with_extremes(rig, numbers(rig))]
+    campaign, refusals = parse_campaign((CAMPAIGNS / name).read_text(), Path("campaign.toml")), list[str]()
+    rig = tomllib.loads((CAMPAIGNS / campaign.rig).read_text())
+    accepted = [
+        planned_or_refused(lambda: campaign, partial(parse_rig, text, Path("rig.toml")), refusals)
+        for text in with_extremes(rig, numbers(rig))
+    ]
     assert any(accepted)
     assert ill_said(refusals) == []
