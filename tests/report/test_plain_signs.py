@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from rigctl.campaign.bundle.bundle import import_bundle
+
 PONTIUS = Path(__file__).parents[2] / "examples" / "pontius"
 
 
@@ -20,11 +22,17 @@ def printed(encoding: str, *arguments: str) -> str:
     return ended.stdout.decode(encoding)
 
 
+@pytest.fixture(scope="module")
+def pontius(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A store with an uncertainty to print."""
+    store = tmp_path_factory.mktemp("pontius") / "x.rig.sqlite"
+    import_bundle(PONTIUS, store).close()
+    return str(store)
+
+
 @pytest.mark.parametrize(("encoding", "sign"), [("ascii", "+-"), ("latin-1", "±"), ("utf-8", "±")])
-def test_an_uncertainty_is_printed_in_any_encoding(tmp_path: Path, encoding: str, sign: str) -> None:
-    store = str(tmp_path / "x.rig.sqlite")
-    printed(encoding, "import", str(PONTIUS), "--store", store)
-    lines = [line for line in printed(encoding, "fit", store).splitlines() if "b1" in line]
+def test_an_uncertainty_is_printed_in_any_encoding(pontius: str, encoding: str, sign: str) -> None:
+    lines = [line for line in printed(encoding, "fit", pontius).splitlines() if "b1" in line]
     assert f"{sign} " in lines[0]
     assert "\x1b" not in lines[0]
 
@@ -36,6 +44,5 @@ def test_other_signs_give_way_to_letters_or_are_marked(tmp_path: Path) -> None:
     (bundle / "recording.toml").write_text(f'format = 1\nexperiment = "table"\n{table}')
     rows = "".join(f"{3 * x + 0.1 * (-1) ** x},{x}\n" for x in range(20))
     (bundle / "readings.csv").write_text(f"θ_Prüfer_字,x\n{rows}")
-    store = str(tmp_path / "x.rig.sqlite")
-    printed("ascii", "import", str(bundle), "--store", store)
-    assert "Noise: theta_Prufer_? white" in printed("ascii", "fit", store)
+    import_bundle(bundle, tmp_path / "x.rig.sqlite").close()
+    assert "Noise: theta_Prufer_? white" in printed("ascii", "fit", str(tmp_path / "x.rig.sqlite"))
