@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import solve_triangular
 
+from rigctl.analysis.triangle_solve import solve_lower
 from rigctl.core.arrays import FloatArray, IntArray
 
 Factor = tuple[IntArray, FloatArray]
@@ -74,12 +75,10 @@ class _OneByOne:
         self._factors = factors
 
     def solve(self, columns: FloatArray) -> FloatArray:
-        return self._each(columns, lambda factor, own: solve_triangular(factor, own, lower=True, check_finite=False))
+        return self._each(columns, solve_lower)
 
     def solve_transposed(self, columns: FloatArray) -> FloatArray:
-        return self._each(
-            columns, lambda factor, own: solve_triangular(factor, own, lower=True, trans="T", check_finite=False)
-        )
+        return self._each(columns, partial(solve_lower, transposed=True))
 
     def times(self, columns: FloatArray) -> FloatArray:
         return self._each(columns, lambda factor, own: factor @ own)
@@ -105,7 +104,7 @@ class _Together:
 
     def __init__(self, factors: Sequence[Factor], count: int) -> None:
         triangles = [factor for _, factor in factors]
-        inverses = [solve_triangular(each, np.eye(len(each)), lower=True, check_finite=False) for each in triangles]
+        inverses = [solve_lower(each, np.eye(len(each))) for each in triangles]
         members = [where for where, _ in factors]
         self._triangle, self._inverse = (_joined(members, blocks, count) for blocks in (triangles, inverses))
 

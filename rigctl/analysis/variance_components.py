@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import linalg, special
+from scipy import special
 
+from rigctl.analysis.triangle_solve import solve_lower
 from rigctl.core.arrays import FloatArray, IntArray
 
 Cost = Callable[[FloatArray], float]
@@ -65,7 +66,7 @@ def variance_components(residuals: FloatArray, design: FloatArray, levels: Seque
         # Woodbury: what is factorised has the size of the levels and not of the readings.
         root = np.sqrt(np.repeat(ratios, sizes))
         factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * gram * root)
-        turned = linalg.solve_triangular(factor, root * along, lower=True, check_finite=False)
+        turned = solve_lower(factor, root * along)
         quadratic = max(square - float(turned @ turned), np.finfo(float).tiny)
         return quadratic, 2.0 * float(np.sum(np.log(np.diag(factor))))
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
+from rigctl.analysis.triangle_solve import solve_lower
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
 from rigctl.workbench.study import Observations
@@ -206,7 +206,7 @@ class Pool:
         """Residuals without their correlation, and the logarithm of its determinant."""
         white, determinant = residuals.copy(), 0.0
         for where, factor in self._factors([(1.0, correlation)]):
-            white[where] = solve_triangular(factor, white[where], lower=True, check_finite=False)
+            white[where] = solve_lower(factor, white[where])
             determinant += 2.0 * float(np.sum(np.log(np.diag(factor))))
         return white, determinant
 
