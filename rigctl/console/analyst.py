@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import threading
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -54,8 +55,10 @@ class Analyst:
 
     def _pool(self, live: bool) -> ProcessPoolExecutor:
         if live not in self._pools:
-            # Not fork: this process has threads, whose locks a fork would copy as they are.
-            context = multiprocessing.get_context("spawn")
+            # Not forked from this process, which has threads, whose locks a fork would copy as they are, but from one
+            # that has imported the analysis: neither the second process nor one after a cancel imports it again.
+            context = multiprocessing.get_context("forkserver")
+            context.set_forkserver_preload(["rigctl.console.analysis"])
             with contextlib.redirect_stderr(sys.__stderr__):  # its children need a real one, not the console's
                 resource_tracker.ensure_running()
             self._pools[live] = ProcessPoolExecutor(1, mp_context=context, initializer=_begin)
@@ -88,7 +91,14 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Without the terminal nobody shows what is worked out.
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    threading.Thread(target=_end_with_console, daemon=True).start()
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):  # the screen is the console's
         os.dup2(nowhere, stream)
+
+
+def _end_with_console() -> None:
+    """Also with one that was killed: nothing else would tell this process, which waits for its next question."""
+    if console := multiprocessing.parent_process():
+        console.join()
+        os._exit(1)
