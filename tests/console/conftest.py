@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from textual.events import Paste
 from textual.pilot import Pilot
 
 from rigctl.console.app import Console
@@ -34,7 +35,7 @@ class Seat:
     @property
     def log(self) -> str:
         """What the console has noted: a note on the screen gives way to the next one."""
-        return "\n".join(self.app._panes.log._lines)
+        return "\n".join(line.text for line in self.app._panes.log._lines)
 
     async def press(self, *keys: str) -> None:
         """Keys, one after the other."""
@@ -56,10 +57,11 @@ class Seat:
         await self.until(lambda: words in self.text, timeout_s)
 
     async def opens(self, path: Path | str) -> None:
-        """Open a file by its name."""
+        """Open a file by its name, pasted: each of a hundred keys would draw the screen."""
         await self.press("o")
         await self.sees("Open a rig file")
-        await self.type(str(path))
+        self.app.post_message(Paste(str(path)))
+        await self.press("enter")
 
 
 Sitting = Callable[[Seat], Awaitable[None]]

@@ -35,8 +35,7 @@ def terminal(tmp_path: Path) -> Iterator[Callable[..., Terminal]]:
     "environment",
     [
         {"TERM": "dumb"},
-        {"TERM": "vt100", "NO_COLOR": "1"},
-        {"LANG": "C", "LC_ALL": "C"},
+        {"TERM": "vt100", "NO_COLOR": "1", "LANG": "C", "LC_ALL": "C"},
         {"LANG": "C", "LC_ALL": "C", "PYTHONIOENCODING": "ascii"},
         {"LANG": "de_DE.ISO-8859-1", "TERM": "linux"},
     ],
@@ -82,11 +81,13 @@ def test_without_a_terminal_it_is_one_line(measured: Path, tmp_path: Path) -> No
 
 
 def sessions() -> set[int]:
-    """The leaders of all processes there are."""
+    """Of all processes that live."""
     found = set()
-    for process in filter(str.isdecimal, os.listdir("/proc")):
-        with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
-            found.add(os.getsid(int(process)))
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
+            if state != "Z":
+                found.add(int(session))
     return found
 
 
