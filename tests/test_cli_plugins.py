@@ -49,7 +49,8 @@ dwell_s = 4.0
 effects = ["roll-gravity", "resonance", "drag"]
 """
 
-MORE = (('name = "scan"', 'name = "scan"\nmounting = "kept"'), ("[-20.0, -0.7, 0.7, 20.0]", "[2.0]"))
+SHORT = "[-20.0, -0.7, 0.7, 20.0]", "[2.0]"
+MORE = (('name = "scan"', 'name = "scan"\nmounting = "kept"'), SHORT)
 """A short scan that goes on."""
 
 HYSTERESIS = "[world.effects.cable-hysteresis]\nh = 1e-5\n"
@@ -127,6 +128,7 @@ def test_a_campaign_that_goes_on_asks_for_the_file_before_anything_moves(measure
 def test_an_interrupted_campaign_goes_on_with_the_file_it_began_with(
     bench: Any, wire: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    bench.campaign(SHORT, text=SCAN)
     with monkeypatch.context() as patched:
         patched.setattr(scan.Scan, "measure", broken)
         assert bench.run("--plugin", "drag.py").status == 1
@@ -146,7 +148,7 @@ def broken(*_: object, **__: object) -> None:
 
 def test_what_goes_on_is_resumed_with_the_file_it_went_on_with(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where the store's model, which the first campaign gave, needs none."""
-    bench.campaign((', "drag"', ""), text=SCAN)
+    bench.campaign((', "drag"', ""), SHORT, text=SCAN)
     assert bench.run().status == 0
     bench.campaign(*MORE, text=SCAN)
     with monkeypatch.context() as patched:

@@ -238,13 +238,9 @@ def test_a_world_started_anew_is_made_as_it_stood(desk: Any) -> None:
 # One of each kind
 
 
-@pytest.fixture
-def all_instruments(desk: Any) -> Simulator:
+def test_one_instrument_of_each_kind_answers_clients_written_by_others(desk: Any) -> None:
     desk.rig(*SERVED, of="all-instruments.rig.toml")
-    return Simulator(desk, "--write-rig", "client.toml")
-
-
-def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instruments: Simulator, desk: Any) -> None:
+    all_instruments = Simulator(desk, "--write-rig", "client.toml")
     kinds = {each["kind"] for each in all_instruments.instruments.values()}
     assert kinds == {
         "newport-xps", "newport-esp301", "pi-gcs2", "aerotech-ensemble", "aerotech-soloist", "keyence-lkg3001",
@@ -271,17 +267,14 @@ def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instr
     assert "done" in json.loads(ask("operator", b'{"run": 3}\n'))
     assert "error" in json.loads(ask("operator", b"nonsense\n"))
     assert set(desk.rigctl("check", "client.toml", "--json").json["instruments"]) == set(where) - {"operator"}
-    assert all_instruments.end() == (0, "")
-
-
-def test_what_one_client_moves_another_sees(all_instruments: Simulator, desk: Any) -> None:
-    assert desk.rigctl("move", "client.toml", "rotation", "12.5", "--json").json["value"] == pytest.approx(
-        12.5, abs=1e-3
-    )
-    found = all_instruments.ask("rotation", b"GroupPositionCurrentGet(Group1,double *)", b"EndOfAPI")
+    # What one client moves another sees.
+    moved = desk.rigctl("move", "client.toml", "rotation", "12.5", "--json").json["value"]
+    assert moved == pytest.approx(12.5, abs=1e-3)
+    found = ask("rotation", b"GroupPositionCurrentGet(Group1,double *)", b"EndOfAPI")
     assert float(found.split(b",")[1]) == pytest.approx(12.5, abs=1e-3)
     request = {"remount": {"axis": "X", "configuration": "flag", "mounting": 1}}
-    assert json.loads(all_instruments.ask("operator", json.dumps(request).encode() + b"\n"))["done"] is True
+    assert json.loads(ask("operator", json.dumps(request).encode() + b"\n"))["done"] is True
+    assert all_instruments.end() == (0, "")
 
 
 XPS, ESP301 = 'driver = "newport-xps"', 'driver = "newport-esp301"'
