@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from rigctl import runner
 from rigctl.campaign.store.run_writer import RunWriter
@@ -21,7 +22,6 @@ from rigctl.console.app import Console
 
 HERE = Path(__file__).parent.parent
 CLEAN = ("first_urad = [9.0, -6.0]", "")
-SEEDS = (1, 2)
 
 
 def truth(name: str) -> dict[str, float]:
@@ -40,20 +40,18 @@ def truth(name: str) -> dict[str, float]:
 
 
 def test_coefficients_are_those_of_the_world_within_their_sigmas(begin: Any) -> None:
-    true, pulls = truth("three-axis"), []
-    for seed in SEEDS:
-        found = workbench_of(Store.open(begin("three-axis", seed=seed)())).fit().as_json()["result"]
-        assert set(found) == set(true)
-        pulls += [(each["value"] - true[name]) / each["sigma"] for name, each in found.items()]
+    true = truth("three-axis")
+    found = workbench_of(Store.open(begin("three-axis")())).fit().as_json()["result"]
+    assert set(found) == set(true)
+    pulls = [(each["value"] - true[name]) / each["sigma"] for name, each in found.items()]
     assert np.abs(pulls).max() < 4.5
-    assert 0.8 < float(np.sqrt(np.mean(np.square(pulls)))) < 1.3
+    # Of so many, 99 of 100 scatters lie within.
+    least, most = np.sqrt(stats.chi2(len(pulls)).ppf([0.005, 0.995]) / len(pulls))
+    assert least < float(np.sqrt(np.mean(np.square(pulls)))) < most
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_hidden_effect_is_found_and_in_a_clean_world_there_is_none(begin: Any, seed: int) -> None:
-    hidden = workbench_of(Store.open(begin("one-axis", seed=seed)())).diagnose()
-    assert (hidden.verdict, hidden.as_json()["suggested"]) == ("effect", ["head-eccentricity"])
-    clean = workbench_of(Store.open(begin("one-axis", CLEAN, seed=seed + 100)())).diagnose()
+def test_in_a_clean_world_no_effect_is_found(begin: Any) -> None:
+    clean = workbench_of(Store.open(begin("one-axis", CLEAN, seed=101)())).diagnose()
     assert (clean.verdict, clean.as_json()["suggested"]) == ("adequate", [])
 
 
@@ -107,7 +105,8 @@ def test_what_one_mounting_cannot_tell_another_can(begin: Any, rigctl: Callable[
 def test_diagnose_add_fit_ladder_next_and_report(begin: Any, rigctl: Callable[..., Any], tmp_path: Path) -> None:
     store = begin("one-axis")()
     assert rigctl("compare", store)["p_value"] < 1e-6
-    assert rigctl("diagnose", store)["suggested"] == ["head-eccentricity"]
+    hidden = rigctl("diagnose", store)
+    assert (hidden["verdict"], hidden["suggested"]) == ("effect", ["head-eccentricity"])
     rigctl("model", "add", store, "head-eccentricity")
     fitted = rigctl("fit", store)["parameters"]
     for name, size in (("c1", 9e-6), ("s1", -6e-6)):
@@ -143,10 +142,10 @@ def test_the_console_opens_on_its_store(begin: Any, tmp_path: Path, monkeypatch:
                 return "\n".join("".join(segment.text for segment in strip) for strip in strips)
 
             async def sees(words: str) -> None:
-                for _ in range(6000):
+                for _ in range(1200):
                     if words in text():
                         return
-                    await pilot.pause(0.01)
+                    await pilot.pause(0.05)
                 raise AssertionError(text())
 
             await pilot.press("3", "u")
