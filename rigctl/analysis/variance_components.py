@@ -65,8 +65,8 @@ def variance_components(residuals: FloatArray, design: FloatArray, levels: Seque
             return max(quadratic, np.finfo(float).tiny), float(np.sum(np.log(scaled)))
         # Woodbury: what is factorised has the size of the levels and not of the readings.
         root = np.sqrt(np.repeat(ratios, sizes))
-        factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * gram * root)
-        turned = solve_lower(factor, root * along)
+        factor = np.asarray(np.linalg.cholesky(np.eye(len(root)) + root[:, None] * gram * root), dtype=np.float64)
+        turned = solve_lower(factor, np.asarray(root * along, dtype=np.float64))
         quadratic = max(square - float(turned @ turned), np.finfo(float).tiny)
         return quadratic, 2.0 * float(np.sum(np.log(np.diag(factor))))
 
