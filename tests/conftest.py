@@ -18,6 +18,7 @@ from typing import Any
 
 import hypothesis
 import pytest
+from _pytest.approx import ApproxScalar
 
 from drivers.transport import InProcessTransport
 from rigctl import cli
@@ -27,6 +28,9 @@ from rigctl.core.errors import DataError
 # An example on a busy machine takes as long as it takes: no wall clock in a test.
 hypothesis.settings.register_profile("unhurried", deadline=None)
 hypothesis.settings.load_profile("unhurried")
+
+# By default anything below 1e-12 is as good as zero: accelerations in orbit were compared with nothing.
+ApproxScalar.DEFAULT_ABSOLUTE_TOLERANCE = 0.0
 
 # What tests make is mostly kept until they end: collected as often as by default, it is looked through for nothing.
 gc.set_threshold(20_000, 20, 50)

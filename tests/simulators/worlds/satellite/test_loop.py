@@ -45,9 +45,11 @@ def test_the_loop_does_what_it_does_when_written_plainly(injection: Injection, h
 
 
 def test_what_is_left_of_the_drag_at_the_orbit_s_frequency(at_rest: Flown) -> None:
-    """It depends a little on the thrusters and on where the masses are; the mean of draws does not."""
-    left = [np.mean([abs(line(at_rest.common(axis, draw), F_ORB)) for draw in range(16)]) for axis in "xyz"]
-    assert left == pytest.approx([1.14e-12, 2.6e-13, 1.13e-12], rel=0.06)
+    """The means of draws, beside one satellite that was measured: 1.14e-12, 2.6e-13 and 1.13e-12 m/s2."""
+    x, y, z = (np.mean([abs(line(at_rest.common(axis, draw), F_ORB)) for draw in range(16)]) for axis in "xyz")
+    assert (x, z) == pytest.approx((1.14e-12, 1.13e-12), rel=0.02)
+    # Of the little on Y the thrusters' matrix decides: up to 2 % of the other axes' thrust is in it.
+    assert y == pytest.approx(2.6e-13, abs=0.02 * (x + z))
 
 
 def test_the_mean_common_output_is_held_at_zero(at_rest: Flown) -> None:
