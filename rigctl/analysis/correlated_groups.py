@@ -21,7 +21,7 @@ MANY = 16
 class CorrelatedGroups:
     """L of all groups, one after the other in the order of `factors`; `count` data in all.
 
-    Columns are (count,) or (count, k), and come back as new arrays.
+    Columns are (count,) or (count, k), and stay as they are; without groups they come back themselves.
     """
 
     def __init__(self, factors: Sequence[Factor], count: int) -> None:
