@@ -1,13 +1,14 @@
 """What compare and diagnose of a table cost as it grows, and how much memory they take.
 
-    python benchmarks/table_size.py [ROWSxCOLUMNS | BUNDLE ...]
+    python benchmarks/table_size.py [ROWSxCOLUMNS[-slow] | BUNDLE ...]
 
 A curve: by the column before the last no candidate costs more than in proportion to the rows. 1000000x10 takes
 minutes and is measured when it is asked for, and so are bundles such as tests/foreign/data/hd-164922.
 
-Columns, two or more, are uniform; one is in the baseline, the square of another is hidden at 15 sigma. Each size is a
-process of its own. Times are of the processor, on one core. A candidate is one choice of one effect; its cost is the
-whole account and diagnosis over candidates and models tried. Exit status 1 when a target is missed.
+Columns, two or more, are uniform; one is in the baseline, the square of another is hidden at 15 sigma. `-slow`: the
+noise wanders from reading to reading, by a fiftieth of its white part, and a column of time is their order. Each size
+is a process of its own. Times are of the processor, on one core. A candidate is one choice of one effect; its cost is
+the whole account and diagnosis over candidates and models tried. Exit status 1 when a target is missed.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ SIZES = ("300x5", "1000x5", "3000x5", "10000x5", "30000x5", "100000x5", "500x50"
 TARGETS_S = {"hd-164922": 3.0, "1000x5": 2.0, "500x50": 20.0, "100000x5": 30.0, "1000000x10": 180.0}
 MAX_MB = 2000.0
 NOISE, SIGMAS = 0.1, 15.0
+SLOW = "-slow"
 
 
 @dataclass(frozen=True)
@@ -65,15 +67,20 @@ def fill(path: str, size: str) -> None:
     if Path(size).is_dir():
         import_bundle(Path(size), Path(path)).close()
         return
-    rows, columns = map(int, size.split("x"))
+    rows, columns = map(int, size.removesuffix(SLOW).split("x"))
     rng = np.random.default_rng(1)
     numbers = np.round(rng.uniform(0.0, 10.0, (rows, columns)), 5)
     hidden = numbers[:, 1] ** 2
     bend = hidden - np.polyval(np.polyfit(numbers[:, 1], hidden, 1), numbers[:, 1])
-    size = SIGMAS * NOISE / float(np.linalg.norm(bend))
-    response = np.round(1.0 + 0.2 * numbers[:, 0] + size * hidden + rng.normal(0.0, NOISE, rows), 6)
-    samples = {"reading_v": response, **{f"c{number}_k": numbers[:, number] for number in range(columns)}}
-    header = Header("table", extra={"table": {"response": "reading_v", "baseline": "b0 + b1 * c0_k", "start": {}}})
+    amplitude = SIGMAS * NOISE / float(np.linalg.norm(bend))
+    response = 1.0 + 0.2 * numbers[:, 0] + amplitude * hidden + rng.normal(0.0, NOISE, rows)
+    samples = {f"c{number}_k": numbers[:, number] for number in range(columns)}
+    asked = {"response": "reading_v", "baseline": "b0 + b1 * c0_k", "start": {}}
+    if size.endswith(SLOW):
+        response += np.cumsum(rng.normal(0.0, 0.02 * NOISE, rows))
+        samples["time_s"], asked["order"] = np.arange(float(rows)), "time_s"
+    samples["reading_v"] = np.round(response, 6)
+    header = Header("table", extra={"table": asked})
     with Store.create(Path(path), header) as store, store.begin_run(READINGS, "import", {}, READINGS) as writer:
         writer.append(samples)
         writer.finish()

@@ -8,11 +8,15 @@ from functools import partial
 import numpy as np
 from scipy import sparse
 
+from rigctl.analysis.relaxation_factor import RelaxationFactor
 from rigctl.analysis.triangle_solve import solve_lower
 from rigctl.core.arrays import FloatArray, IntArray
 
-Factor = tuple[IntArray, FloatArray]
-"""Which data a group has, (k,), and the lower triangle of its correlation, (k, k)."""
+Triangle = FloatArray | RelaxationFactor
+"""The lower triangle of a correlation, (k, k)."""
+
+Factor = tuple[IntArray, Triangle]
+"""Which data a group has, (k,), and the triangle of its correlation."""
 
 MANY = 16
 """So many groups that have no datum in common are one sparse matrix: a call for each would take longer."""
@@ -26,7 +30,7 @@ class CorrelatedGroups:
 
     def __init__(self, factors: Sequence[Factor], count: int) -> None:
         self._parts = [
-            _Together(groups, count) if len(groups) >= MANY else _OneByOne(groups)
+            _OneByOne(groups) if (small := _matrices(groups)) is None else _Together(small, count)
             for groups in _apart(factors, count)
         ]
 
@@ -55,6 +59,24 @@ class CorrelatedGroups:
         return columns
 
 
+def log_determinant(triangle: Triangle) -> float:
+    """Of a triangle."""
+    if isinstance(triangle, RelaxationFactor):
+        return triangle.log_determinant()
+    return float(np.sum(np.log(np.diag(triangle))))
+
+
+def variances(triangle: Triangle) -> FloatArray:
+    """The diagonal of L L', (k,)."""
+    return triangle.variances if isinstance(triangle, RelaxationFactor) else np.sum(triangle**2, axis=1)
+
+
+def _matrices(factors: Sequence[Factor]) -> list[tuple[IntArray, FloatArray]] | None:
+    """The factors of many groups that are plain matrices; None for others."""
+    plain = [(where, each) for where, each in factors if not isinstance(each, RelaxationFactor)]
+    return plain if len(plain) == len(factors) >= MANY else None
+
+
 def _apart(factors: Sequence[Factor], count: int) -> list[list[Factor]]:
     """The factors in their order, cut where a group shares data with one since the last cut."""
     parts: list[list[Factor]] = []
@@ -75,34 +97,42 @@ class _OneByOne:
         self._factors = factors
 
     def solve(self, columns: FloatArray) -> FloatArray:
-        return self._each(columns, solve_lower)
+        return self._each(columns, RelaxationFactor.solve, solve_lower)
 
     def solve_transposed(self, columns: FloatArray) -> FloatArray:
-        return self._each(columns, partial(solve_lower, transposed=True))
+        return self._each(columns, RelaxationFactor.solve_transposed, partial(solve_lower, transposed=True))
 
     def times(self, columns: FloatArray) -> FloatArray:
-        return self._each(columns, lambda factor, own: factor @ own)
+        return self._each(columns, RelaxationFactor.times, lambda factor, own: factor @ own)
 
     def transposed_times(self, columns: FloatArray) -> FloatArray:
-        return self._each(columns, lambda factor, own: factor.T @ own)
+        return self._each(columns, RelaxationFactor.transposed_times, lambda factor, own: factor.T @ own)
 
-    def _each(self, columns: FloatArray, turn: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
+    def _each(
+        self,
+        columns: FloatArray,
+        of_relaxations: Callable[[RelaxationFactor, FloatArray], FloatArray],
+        of_matrix: Callable[[FloatArray, FloatArray], FloatArray],
+    ) -> FloatArray:
         turned = columns.astype(np.float64)
         for members, factor in self._factors:
             own = turned[members]
+            if isinstance(factor, RelaxationFactor):
+                turned[members] = of_relaxations(factor, own)
+                continue
             # Many columns concern a few of the groups.
             used = np.flatnonzero(own.any(axis=0)) if own.ndim > 1 else None
             if used is None or len(used) == own.shape[1]:
-                turned[members] = turn(factor, own)
+                turned[members] = of_matrix(factor, own)
             elif len(used):
-                turned[members[:, None], used] = turn(factor, own[:, used])
+                turned[members[:, None], used] = of_matrix(factor, own[:, used])
         return turned
 
 
 class _Together:
     """Many groups without a datum in common, as sparse matrices; others' rows are those of the identity."""
 
-    def __init__(self, factors: Sequence[Factor], count: int) -> None:
+    def __init__(self, factors: Sequence[tuple[IntArray, FloatArray]], count: int) -> None:
         triangles = [factor for _, factor in factors]
         inverses = [solve_lower(each, np.eye(len(each))) for each in triangles]
         members = [where for where, _ in factors]

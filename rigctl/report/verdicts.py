@@ -97,8 +97,7 @@ def excluded_sentence(findings: Findings) -> str:
 
 
 def slow_noise_sentences(diagnosis: Findings) -> list[str]:
-    """Which effects slow noise may hide, how large they would have to be, and what would tell; whether noise that is
-    slower than was looked for may pass for what was found; [] for neither."""
+    """Which effects slow noise may hide, how large they would have to be, and what would tell; [] for none."""
     hidden = diagnosis.get("hidden_in_slow_noise") or []
     said = []
     for each in hidden:
@@ -115,13 +114,6 @@ def slow_noise_sentences(diagnosis: Findings) -> list[str]:
         )
     if said:
         said.append("In which order, and when, to measure so that it shows, rigctl next tells.")
-    long = diagnosis.get("long_order")
-    if long and diagnosis["verdict"] != "adequate":
-        order, asked = long["order"], long["asked"]
-        said.append(
-            f"Noise that is slow over {asked} neighbouring readings may pass for an effect along {order}: average "
-            f"neighbours until no more than {asked} are left, and ask again."
-        )
     return said
 
 

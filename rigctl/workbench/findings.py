@@ -246,15 +246,6 @@ class JointFit:
 
 
 @dataclass(frozen=True)
-class LongOrder:
-    """An order along which so many data lie that correlated noise is looked for in `asked` neighbours only."""
-
-    order: str
-    data: int
-    asked: int
-
-
-@dataclass(frozen=True)
 class Diagnosis:
     """The answer to: which physical effect is missing?"""
 
@@ -273,7 +264,6 @@ class Diagnosis:
     hidden_in_slow_noise: tuple[HiddenInNoise, ...] = ()
     or_correlated_noise: tuple[tuple[str, str], ...] = ()
     """An effect, given or suggested, that noise correlated along a column describes as well, and that column."""
-    long_order: LongOrder | None = None
     """Where noise that is slower than this tells may pass for an effect along the order."""
     scatter: tuple[UnevenScatter, ...] = ()
     stated_sigma: StatedSigma | None = None
@@ -304,7 +294,6 @@ class Diagnosis:
             "joint_fit": None if self.joint_fit is None else self.joint_fit.as_json(),
             "hidden_in_slow_noise": [each.as_json() for each in self.hidden_in_slow_noise],
             "or_correlated_noise": [{"effect": effect, "order": order} for effect, order in self.or_correlated_noise],
-            "long_order": None if self.long_order is None else vars(self.long_order),
             "scatter": [each.as_json() for each in self.scatter],
             "stated_sigma": None if self.stated_sigma is None else self.stated_sigma.as_json(),
             "next_measurement": dict(self.next_measurement or {}),

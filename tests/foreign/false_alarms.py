@@ -33,7 +33,7 @@ from rigctl.workbench.verdict.diagnose import diagnose
 
 LEVELS = (LEVEL, 0.05)
 POOLED_MOST = 1.5
-FEWER = {"useless-columns": 100}
+FEWER = {"useless-columns": 100, "long-relaxation": 100, "long-flicker": 100}
 """Trials of kinds that take long, of 400."""
 
 Floats = NDArray[np.float64]
@@ -68,9 +68,9 @@ def some_columns(random: np.random.Generator, rows: int, count: int) -> dict[str
     return {name: np.round(values, 5) for name, values in zip("abcde", made[:count], strict=False)}
 
 
-def plain(random: np.random.Generator) -> Table:
+def plain(random: np.random.Generator, fewest: int = 60, most: int = 200) -> Table:
     """Nothing but columns yet."""
-    rows = int(random.integers(60, 201))
+    rows = int(random.integers(fewest, most + 1))
     return Table(some_columns(random, rows, int(random.integers(3, 6))), np.zeros(rows))
 
 
@@ -80,18 +80,20 @@ def with_noise(random: np.random.Generator, noise_of: Callable[[int], Floats]) -
     return table
 
 
-def in_time(random: np.random.Generator, noise_of: Callable[[Floats], Floats]) -> Table:
+def in_time(
+    random: np.random.Generator, noise_of: Callable[[Floats], Floats], fewest: int = 60, most: int = 200
+) -> Table:
     """Readings one after the other, ordered by their time."""
-    table = plain(random)
+    table = plain(random, fewest, most)
     time_s = 10.0 * np.arange(table.rows)
     table.columns = {"time_s": time_s, **dict(list(table.columns.items())[1:])}
     table.noise, table.order = noise_of(time_s), "time_s"
     return table
 
 
-def relaxing(random: np.random.Generator, time_s: Floats) -> Floats:
-    """First-order autoregressive noise: what is left of it decays with a time constant of 5 to 50 s."""
-    decay = np.exp(-np.diff(time_s) / random.uniform(5.0, 50.0))
+def relaxing(random: np.random.Generator, time_s: Floats, constant_s: float | None = None) -> Floats:
+    """First-order autoregressive noise: what is left of it decays with this time constant, else one of 5 to 50 s."""
+    decay = np.exp(-np.diff(time_s) / (random.uniform(5.0, 50.0) if constant_s is None else constant_s))
     noise = random.normal(size=len(time_s))
     for i in range(1, len(noise)):
         noise[i] = decay[i - 1] * noise[i - 1] + np.sqrt(1.0 - decay[i - 1] ** 2) * noise[i]
@@ -118,6 +120,20 @@ def ar1(random: np.random.Generator) -> Table:
 
 def flicker(random: np.random.Generator) -> Table:
     return in_time(random, lambda time_s: flickering(random, time_s))
+
+
+def long_relaxation(random: np.random.Generator) -> Table:
+    """White noise and a third to three times as much that relaxes in 3 to 1000 readings, of 500 to 4000."""
+
+    def noise_of(time_s: Floats) -> Floats:
+        constant_s, share = 10.0 * 3.0 * 333.0 ** random.random(), 3.0 ** random.uniform(-1.0, 1.0)
+        return random.normal(size=len(time_s)) + np.sqrt(share) * relaxing(random, time_s, constant_s)
+
+    return in_time(random, noise_of, 500, 4000)
+
+
+def long_flicker(random: np.random.Generator) -> Table:
+    return in_time(random, lambda time_s: flickering(random, time_s), 500, 4000)
 
 
 def student3(random: np.random.Generator) -> Table:
@@ -232,6 +248,8 @@ KINDS: Mapping[str, Callable[[np.random.Generator], Table]] = {
     "sigma-halved": lambda random: stated(random, 0.5),
     "useless-columns": useless_columns,
     "collinear": collinear,
+    "long-relaxation": long_relaxation,
+    "long-flicker": long_flicker,
 }
 
 

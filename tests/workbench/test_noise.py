@@ -381,15 +381,55 @@ def test_what_is_known_of_an_order_is_the_same_for_every_model() -> None:
         np.testing.assert_array_equal(alone.sigma, shared.sigma)
         np.testing.assert_array_equal(alone.factors[0][1], shared.factors[0][1])
     # Decomposed once.
-    name, members = orders[0].kernels[0], np.arange(60)
-    assert orders[0].decomposed(name, members) is orders[0].decomposed(name, members)
-    strength, vectors = orders[0].decomposed(name, members)
-    np.testing.assert_allclose((vectors * strength) @ vectors.T, orders[0].kernel(name, members), atol=1e-12)
+    (whole,), name = orders[0].looked_at(2), orders[0].kernels[0]
+    assert orders[0].looked_at(9) == [whole]
+    assert orders[0].decomposed(name, whole) is orders[0].decomposed(name, whole)
+    strength, vectors = orders[0].decomposed(name, whole)
+    np.testing.assert_allclose((vectors * strength) @ vectors.T, orders[0].kernel(name, np.arange(60)), atol=1e-12)
 
 
 def test_decompositions_of_many_data_are_not_kept() -> None:
-    """Which of them are looked at may differ from model to model."""
-    order, members = pool_orders(readings(402))[0], np.arange(401)
-    first, second = (order.decomposed(order.kernels[0], members) for _ in range(2))
+    """Beside as many columns hundreds of megabytes would be."""
+    order = pool_orders(readings(450))[0]
+    (whole,) = order.looked_at(150)
+    first, second = (order.decomposed(order.kernels[0], whole) for _ in range(2))
     assert first is not second
     np.testing.assert_array_equal(first[0], second[0])
+
+
+def test_of_many_data_a_stretch_and_blocks_of_all_are_looked_at() -> None:
+    order = pool_orders(readings(1000, groups=2))[0]
+    near, far = order.looked_at(20)
+    assert (near.size, len(near.members), far.size, len(far.members)) == (1, 400, 3, 1000)
+    assert len(far.first) == 2 * 167
+    strength, vectors = order.decomposed(order.kernels[-1], far)
+    correlation = (vectors * strength) @ vectors.T
+    # Two groups have nothing to do with each other.
+    np.testing.assert_allclose(correlation[:167, 167:], 0.0, atol=1e-12)
+    assert correlation[0, 1] > 0.0
+    # Without an order there is nothing slow to look for.
+    assert [each.size for each in pool_orders(readings(1000, order=None))[0].looked_at(20)] == [1]
+
+
+LONG = 2000
+
+
+@pytest.mark.parametrize("runs", [3.0, 30.0, 300.0])
+def test_noise_of_many_data_is_told_whether_it_is_fast_or_slow(runs: float) -> None:
+    """One as strong as the white noise beside it; of a stretch of 400 the slowest was a level."""
+    given, rng = readings(LONG), np.random.default_rng(int(runs))
+    estimator = NoiseEstimator(given, line(LONG), nothing)
+    pulls, square_sums = [], []
+    for _ in range(24):
+        noisy = rng.standard_normal(LONG) + relaxing(rng, LONG, runs)
+        noise = estimator.estimate(noisy)
+        assert noise.correlations[0].kind
+        fitted, white = noise.whiten(line(LONG)), noise.whiten(noisy)
+        covariance = np.linalg.inv(fitted.T @ fitted)
+        pulls += list(covariance @ (fitted.T @ white) / np.sqrt(np.diag(covariance)))
+        square_sums.append(float(white @ white))
+    # No larger than uncertainties say, to four standard deviations of the mean of 48 squares; where noise that is
+    # slow was taken for a level they were 31.
+    assert float(np.mean(np.square(pulls))) < 1.0 + 4.0 * np.sqrt(2.0 / len(pulls))
+    # The scale is that of all data: what is left beside two parameters told it.
+    assert np.array(square_sums) == pytest.approx(LONG, rel=0.01)

@@ -148,8 +148,7 @@ def joint_noise(noise: Noise, made: Observations, whole: Observations) -> Noise:
         for group in np.unique(whole.group_of[alike]):
             members = np.flatnonzero(alike & (whole.group_of == group))
             # Data there are come first: what they are whitened to does not depend on what is imagined.
-            factor = np.linalg.cholesky(slow.correlation(at[members]))
-            factors.append((members, np.asarray(factor, dtype=np.float64)))
+            factors.append((members, slow.factor(at[members])))
     return Noise(sigma, np.full(len(sigma), np.inf), tuple(factors), noise.correlations, slow=noise.slow)
 
 

@@ -20,7 +20,7 @@ from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, fit_
 from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise import Noise
-from rigctl.workbench.verdict.noise_alone import ChanceOfNoise, in_doubt
+from rigctl.workbench.verdict.noise_alone import ChanceOfNoise
 from rigctl.workbench.verdict.noise_estimate import (
     estimator_of,
     with_estimated_noise,
@@ -157,8 +157,8 @@ class Attempt(FittedModel):
     def chi2_p_value(self, told: float = 0.0) -> float:
         """Of all that is left; what the saturated design leaves told the noise, and says nothing more."""
         p_value, frame = super().chi2_p_value(told + self.estimator.dof), self.estimator.saturated
-        if self.chance_of_noise is not None and in_doubt(p_value):
-            return max(p_value, self.chance_of_noise.of_projected)
+        if (chance := self.chance_of_noise) is not None and chance.in_doubt(p_value):
+            return max(p_value, chance.of_projected)
         if frame is None or self.permuted is None:
             return p_value
         return max(p_value, self.permuted.p_of_share(frame, self.projector.basis))
@@ -276,7 +276,11 @@ class Attempt(FittedModel):
         """Of an effect, or its sketch; one column of zeros where all is absorbed."""
         sketched, basis = self._sketched, np.zeros((0, 0))
         if scored.score.dimension:
-            basis = scored.score.basis if sketched is None else sketched.basis(self._scoring.sketch(scored.candidate))
+            basis = (
+                scored.score.basis
+                if sketched is None
+                else sketched.basis(*self._scoring.sketches([scored.candidate]))
+            )
         rows = len(self.left) if sketched is None else sketched.rows
         return basis if basis.shape[1] else np.zeros((rows, 1))
 
@@ -336,7 +340,7 @@ class Attempt(FittedModel):
             if isinstance(unit, SummedColumns) and not self.noise.factors:
                 sketched.add_scan(family, unit)
             else:
-                family.bases.extend(sketched.basis(self._scoring.sketch(each)) for each in group)
+                family.bases.extend(map(sketched.basis, self._scoring.sketches(group)))
         return family
 
     @cached_property

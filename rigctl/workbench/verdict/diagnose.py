@@ -80,7 +80,6 @@ def diagnose(
         joint_fit=_joint_fit(search, suggested) if suggested else None,
         hidden_in_slow_noise=hidden_in_slow_noise(final, alpha),
         or_correlated_noise=or_noise,
-        long_order=first.estimator.long_order,
         scatter=uneven_scatter(account.richest, LEVEL),
         stated_sigma=stated_sigma(account.richest),
         excluded=first.model.observations.excluded,

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rigctl.analysis.correlated_groups import CorrelatedGroups, Factor
+from rigctl.analysis.correlated_groups import CorrelatedGroups, Factor, log_determinant, variances
 from rigctl.analysis.decomposition import basis_by_gram, svd
 from rigctl.analysis.lengths import lengths
 from rigctl.core.arrays import FloatArray, IntArray
@@ -89,7 +89,7 @@ class Noise:
 
     def log_determinant(self) -> float:
         """Of the covariance."""
-        of_factors = sum(float(np.sum(np.log(np.diag(factor)))) for _, factor in self.factors)
+        of_factors = sum(log_determinant(factor) for _, factor in self.factors)
         return 2.0 * (float(np.sum(np.log(self.sigma))) + of_factors)
 
     @cached_property
@@ -105,7 +105,7 @@ class Noise:
         total = self.sigma.copy()
         for where, factor in self.factors:
             # The diagonal of L L': in R = 1 + ratio * kernel it is more than the white part's 1.
-            total[where] *= np.sqrt(np.sum(factor**2, axis=1))
+            total[where] *= np.sqrt(variances(factor))
         total.flags.writeable = False
         return total
 

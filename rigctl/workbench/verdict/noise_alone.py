@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rigctl.analysis.decomposition import svd
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.groups import Groups
-from rigctl.workbench.study import Candidate
+from rigctl.workbench.study import Candidate, Observations
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.generic import Generic
 from rigctl.workbench.verdict.noise import orthonormal
@@ -47,11 +47,17 @@ _SURE = 1e-4
 """Of what the first draws find as rare as that, more of them would say the same."""
 
 DOUBTFUL = (1e-12, 0.05)
-"""Corrected p-values that are held to what correlated noise alone shows: of 100 tables of flicker noise, the smallest
-that was taken for white came to 1e-8, and draws cost seconds."""
+"""Corrected p-values that are held to what correlated noise alone shows: of 100 tables of flicker noise that were
+looked at as a whole, the smallest that was taken for white came to 1e-8, and draws cost seconds."""
 
 # Of a square sum: what is left beside columns that go through all data.
 _NOTHING = 1e-6
+
+# Of a square sum: a wave of which a period is three and a half blocks long keeps so much.
+_SHOWN = 0.75
+
+# Of the derivatives of a scan, made at once.
+_NUMBERS = 1 << 22
 
 # Of a unit vector beside what is fitted: the basis was made where a first fit ended, which differs a little.
 _BESIDE = 1e-2
@@ -63,7 +69,8 @@ Price = Callable[[Candidate, int], float]
 
 @dataclass(frozen=True)
 class Asked:
-    """An effect: columns (n, k, d) with each of its k choices, and its price in units of -2 log L."""
+    """An effect: columns (seen, k, d) with each of its k choices as `Pool.seen` has them, and its price in units of
+    -2 log L."""
 
     columns: FloatArray
     price: float
@@ -78,20 +85,18 @@ class NoiseAlone:
     def __init__(self, fitted: FittedModel, pool: Pool, asked: Sequence[Asked], seed: int) -> None:
         given = fitted.model.observations
         self.whitenings = pool.tried
-        jacobian = in_units(given, pool.where, fitted.model.jacobian(fitted.result.values))
         # Of what is held or has no slope nothing is left here: a determinant of it would be none.
-        self._fitted = orthonormal(jacobian, UNDETERMINED)
-        self._left = in_units(given, pool.where, fitted.unexplained())
+        self._fitted = orthonormal(pool.seen(given, fitted.model.jacobian(fitted.result.values)), UNDETERMINED)
+        self._left = pool.seen(given, fitted.unexplained())
         self._price = np.array([each.price for each in asked])
         self._groups: list[_Group] = []
         for width in sorted({each.columns.shape[2] for each in asked}):
             alike = [(place, each.columns) for place, each in enumerate(asked) if each.columns.shape[2] == width]
             columns = np.concatenate([of_effect for _, of_effect in alike], axis=1)
-            flat = in_units(given, pool.where, columns.reshape(len(columns), -1))
             choices = [of_effect.shape[1] for _, of_effect in alike]
             places = np.array([place for place, _ in alike], dtype=np.intp)
             first = np.concatenate([[0], np.cumsum(choices)[:-1]]).astype(np.intp)
-            self._groups.append(_Group(places, flat.reshape(columns.shape), first))
+            self._groups.append(_Group(places, columns, first))
         self._rng = np.random.default_rng([seed, 7])
         self._by_chance = np.zeros(0)
 
@@ -143,7 +148,7 @@ class NoiseAlone:
         return np.asarray(alone - beside - self._price[:, None], dtype=np.float64)
 
     def sigma(self, columns: FloatArray) -> FloatArray:
-        """Standard uncertainties (d,) of what columns (n, d) in units of the given sigma are multiplied by, in the
+        """Standard uncertainties (d,) of what columns (seen, d) are multiplied by, in the
         likeliest noise alone; infinite where they are not determined."""
         whitenings, scale = self._likeliest
         fitted = np.linalg.qr(whitenings.turned(self._fitted) * scale[:, None])[0]
@@ -193,36 +198,64 @@ class ChanceOfNoise:
         self._fitted, self._pool, self._seed = fitted, pool, seed
         self._groups, self._price_of, self._generic = groups, price_of, generic
 
-    def of_effect(self, effect: str) -> float:
-        """That the best of all effects does as well as this one by chance."""
+    def in_doubt(self, p_value: float) -> bool:
+        """Whether a corrected p-value is to be held to what correlated noise alone shows."""
+        # The more data there are, the smaller are p-values of slow noise that is taken for white.
+        return p_value < DOUBTFUL[1] and (p_value > DOUBTFUL[0] or not self._pool.sees_all)
+
+    def of_effect(self, candidate: Candidate) -> float:
+        """That the best of all effects does as well as a candidate's by chance."""
+        if not self._is_shown(candidate.derivative):
+            return 0.0
         alone, places = self._effects
-        return CORRELATED * min(alone.probability(place) for place in places[effect])
+        return CORRELATED * min(alone.probability(place) for place in places[candidate.term.effect])
 
     def sigma(self, candidate: Candidate) -> FloatArray:
         """Standard uncertainties (d,) of a candidate's parameters in the noise that is likeliest alone."""
-        columns = in_units(self._fitted.model.observations, self._pool.where, candidate.derivative)
-        return self._effects[0].sigma(columns)
+        return self._effects[0].sigma(self._pool.seen(self._given, candidate.derivative))
 
-    @cached_property
-    def of_shapes(self) -> float:
-        """That the best of all plain shapes does as well by chance."""
-        columns = self._generic.main_columns(self._pool.where)
-        asked = [Asked(column[:, None, None], 0.0) for column in columns.T]
-        alone = NoiseAlone(self._fitted, self._pool, asked, self._seed)
-        return CORRELATED * alone.probability(int(np.argmax(alone.gained)))
+    def of_shape(self, columns: FloatArray) -> float:
+        """That the best of all plain shapes does as well as this one, (n, k), by chance."""
+        return self._of_shapes if self._is_shown(columns) else 0.0
 
     @cached_property
     def of_projected(self) -> float:
         """That by chance as much goes along all that was projected out before the noise was estimated."""
-        given, where, basis = self._fitted.model.observations, self._pool.where, self._pool.basis
-        jacobian = in_units(given, where, self._fitted.model.jacobian(self._fitted.result.values))
-        fitted = orthonormal(jacobian, UNDETERMINED)
-        left, length, _ = svd(basis - fitted @ (fitted.T @ basis))
-        columns = from_units(given, where, left[:, length > _BESIDE])
-        if not columns.shape[1]:
+        basis = self._pool.basis
+        left, length, _ = svd(basis - self._beside @ (self._beside.T @ basis))
+        left = left[:, length > _BESIDE]
+        if not left.shape[1]:
             return CORRELATED
-        alone = NoiseAlone(self._fitted, self._pool, [Asked(columns[:, None], 0.0)], self._seed)
-        return CORRELATED * alone.probability(0)
+        along = left @ (left.T @ in_units(self._given, self._pool.where, self._fitted.unexplained()))
+        if not self._is_shown(from_units(self._given, self._pool.where, along[:, None])):
+            return 0.0
+        return CORRELATED * self._alone([self._asked(from_units(self._given, self._pool.where, left))]).probability(0)
+
+    def _is_shown(self, columns: FloatArray) -> bool:
+        """Whether blocks of neighbours, where the noise is looked for in these, show most of what columns (n, d) are
+        beside the fit: what is faster is no matter of slow noise."""
+        if self._pool.sees_all:
+            return True
+        beside = in_units(self._given, self._pool.where, columns)
+        beside = beside - self._beside @ (self._beside.T @ beside)
+        seen = self._pool.seen(self._given, from_units(self._given, self._pool.where, beside))
+        return float(np.sum(seen**2)) >= _SHOWN * float(np.sum(beside**2))
+
+    @cached_property
+    def _given(self) -> Observations:
+        return self._fitted.model.observations
+
+    @cached_property
+    def _beside(self) -> FloatArray:
+        """Orthonormal basis of what is fitted, in units of the given sigma."""
+        jacobian = self._fitted.model.jacobian(self._fitted.result.values)
+        return orthonormal(in_units(self._given, self._pool.where, jacobian), UNDETERMINED)
+
+    @cached_property
+    def _of_shapes(self) -> float:
+        shapes = self._generic.main_columns(self._pool.where)
+        alone = self._alone([self._asked(column[:, None]) for column in shapes.T])
+        return CORRELATED * alone.probability(int(np.argmax(alone.gained)))
 
     @cached_property
     def _effects(self) -> tuple[NoiseAlone, dict[str, list[int]]]:
@@ -230,21 +263,29 @@ class ChanceOfNoise:
         places: dict[str, list[int]] = {}
         for effect, groups in self._groups.items():
             for group in groups:
-                columns = np.stack([each.derivative for each in group], axis=1)
+                width = len(group[0].names)
+                together = max(_NUMBERS // (len(self._given.value) * width), 1)
+                parts = [
+                    np.stack([each.derivative for each in group[first : first + together]], axis=1)
+                    for first in range(0, len(group), together)
+                ]
+                columns = np.concatenate([self._pool.seen(self._given, part) for part in parts], axis=1)
                 places.setdefault(effect, []).append(len(asked))
                 asked.append(Asked(columns, 2.0 * self._price_of(group[0], columns.shape[2])))
-        return NoiseAlone(self._fitted, self._pool, asked, self._seed), places
+        return self._alone(asked), places
 
+    def _asked(self, columns: FloatArray) -> Asked:
+        """Columns (n, d) that cost nothing, with one choice."""
+        return Asked(self._pool.seen(self._given, columns[:, None]), 0.0)
 
-def in_doubt(p_value: float) -> bool:
-    """Whether a corrected p-value is to be held to what correlated noise alone shows."""
-    return DOUBTFUL[0] < p_value < DOUBTFUL[1]
+    def _alone(self, asked: Sequence[Asked]) -> NoiseAlone:
+        return NoiseAlone(self._fitted, self._pool, asked, self._seed)
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Effects with columns of equal number: their places, the columns (n, choices of all, d) in units of the given
-    sigma, and where the choices of each begin."""
+    """Effects with columns of equal number: their places, the columns (seen, choices of all, d), and where the
+    choices of each begin."""
 
     effects: IntArray
     columns: FloatArray

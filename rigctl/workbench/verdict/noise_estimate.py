@@ -15,7 +15,6 @@ from functools import cache
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.findings import LongOrder
 from rigctl.workbench.groups import Groups
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.fitted_model import FittedModel
@@ -81,19 +80,10 @@ class NoiseEstimator:
 
     @property
     def whole_pool(self) -> Pool | None:
-        """The pool that holds all data, where their correlation along an order is looked for in all of them."""
-        if len(self._pools) != 1 or len(self._pools[0].where) < len(self._dof) or not self._pools[0].is_small:
+        """The pool that holds all data, where they may be correlated along an order."""
+        if len(self._pools) != 1 or len(self._pools[0].where) < len(self._dof):
             return None
         return self._pools[0] if self.correlated else None
-
-    @property
-    def long_order(self) -> LongOrder | None:
-        """Of one pool with all data the order along which their correlation is looked for in some of them only."""
-        if not self.of_one_pool or not self.correlated or self._pools[0].is_small:
-            return None
-        pool = self._pools[0]
-        assert pool.order.name is not None
-        return LongOrder(pool.order.name, len(pool.where), pool.looked_at)
 
     @property
     def dof(self) -> float:
@@ -140,12 +130,12 @@ class NoiseEstimator:
     def beside_fit(self, jacobian: FloatArray, residuals: FloatArray, now: Noise) -> Noise:
         """The noise as what a fit leaves tells it beside nothing but the fit's own `jacobian` (n, m).
 
-        Of pools that may be correlated; all else is as `now`, and all of it where none may or many data have told it.
+        Of pools that may be correlated; all else is as `now`.
         What might be hidden takes most of what data know of slow noise with it: what is found beside it is a fair
         measure to search with, but of a parameter that goes slowly it gives too small an uncertainty (decision 078).
         """
         asked = [pool for pool in self._pools if pool.order.correlated]
-        if not asked or not all(pool.is_small for pool in asked):
+        if not asked:
             return now
         sigma, factors = now.sigma.copy(), list(self._given.factors)
         for pool in asked:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from rigctl.analysis.triangle_solve import solve_lower
+from rigctl.analysis.correlated_groups import CorrelatedGroups, Factor, log_determinant
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.core.errors import DataError
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.kernels import SlowNoise
+from rigctl.workbench.verdict.neighbours import Neighbours
 from rigctl.workbench.verdict.noise import Correlation, orthonormal
 from rigctl.workbench.verdict.offsets import in_units
 from rigctl.workbench.verdict.pool_order import LARGEST_POOL, PoolOrder
@@ -22,9 +22,6 @@ RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 EXPONENT_RANGE = (0.5, 3.0)
 LOG_RATIOS = (-7.0, 12.0)
 """Between which exponents and logarithms of ratios are maximised."""
-
-MOST_CORRELATED = 20_000
-"""Data that are correlated with each other: the matrix of so many takes 3.2 GB, and minutes to decompose."""
 
 WHITE_ODDS = 3.0
 """Prior odds of white noise over all correlated kinds together, where effects are searched for."""
@@ -59,20 +56,13 @@ class Pool:
         hidden = [Hidden(in_units(given, where, each.columns), each.effect_of) for each in possible(where)]
         self.basis = saturated(fitted, hidden, rounding[seen])
         self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
-        self._looked_at = _stretch(len(where), self.basis.shape[1])
-        basis = orthonormal(self.basis[self._looked_at], 1e-9)
-        self._free = len(self._looked_at) - basis.shape[1]
         exact = _ROUNDING * float(np.max(np.abs(given.value[where]) / given.sigma[where]))
         typical = float(np.sqrt(np.mean(given.sigma[where] ** 2)))
         self.least_scale: float = max(exact, given.pools[given.pool_of[where[0]]].least_sigma / typical)
-        self._trials = [Whitenings([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
-        for name in order.kernels:
-            # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
-            strength, vectors = order.decomposed(name, self._looked_at)
-            tried = [Correlation(name, q) for q in RATIOS]
-            self._trials.append(Whitenings(tried, np.outer(RATIOS, strength), vectors, basis))
-        self._correlations = [each for trials in self._trials for each in trials.correlations]
-        self._penalties = np.concatenate([trials.penalty for trials in self._trials])
+        self._looks = [_Look(order, each, self.basis) for each in order.looked_at(self.basis.shape[1])]
+        self._free = sum(each.free for each in self._looks)
+        self._correlations = self._looks[0].correlations
+        self._penalties = np.sum([each.penalties for each in self._looks], axis=0)
 
     def estimate(
         self, residuals: FloatArray, white_odds: float = WHITE_ODDS
@@ -91,7 +81,7 @@ class Pool:
             yield from [(1.0, [(1.0, WHITE)])] * several.shape[1]
             return
         least = max(self._free * self.least_scale**2, float(np.finfo(float).tiny))
-        rss = np.concatenate([trials.rss(several[self._looked_at]) for trials in self._trials])
+        rss = np.sum([each.rss(several) for each in self._looks], axis=0)
         for residuals, each in zip(several.T, np.maximum(rss, least).T, strict=True):
             yield self._weighted(residuals, each, white_odds)
 
@@ -105,61 +95,48 @@ class Pool:
         # The first trial is white noise; the others share what is left of the odds.
         weight[1:] /= white_odds * max(len(self._correlations) - 1, 1)
         weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
-        if len(self.where) > LARGEST_POOL:  # so many data have decided; sums of large matrices are not worth it
-            weight = np.where(weight == weight.max(), weight, 0.0)
         # The mean is of covariances sigma^2 R, and each trial has a sigma of its own: rss over what is free.
         weight *= rss / weight.sum()
         scale = float(np.sqrt(weight.sum() / self._free))
-        if len(self.where) > len(self._looked_at) and weight[0] > 0.0:  # white: the scale of all, not of the stretch
-            left = residuals - self.basis @ (self.basis.T @ residuals)
-            scale = max(float(np.sqrt(_square_sum(left) / self.dof)), self.least_scale)
         shares = weight / weight.sum()
-        return scale, [(float(w), each) for w, each in zip(shares, self._correlations, strict=True) if w > 0.0]
+        weighted = [(float(w), each) for w, each in zip(shares, self._correlations, strict=True) if w > 0.0]
+        return scale if self.sees_all else self._scale_of_all(residuals, weighted), weighted
 
-    @property
-    def is_small(self) -> bool:
-        """Whether the correlation is looked for in all data of the pool."""
-        return len(self._looked_at) == len(self.where)
-
-    @property
-    def looked_at(self) -> int:
-        """In how many data of the pool the correlation is looked for."""
-        return len(self._looked_at)
+    def _scale_of_all(self, residuals: FloatArray, correlations: list[tuple[float, Correlation]]) -> float:
+        """The scale that all data have in noise that a part of them has told."""
+        groups = CorrelatedGroups(self._factors(correlations), len(self.where))
+        white, basis = groups.solve(residuals), np.linalg.qr(groups.solve(self.basis))[0]
+        left = white - basis @ (basis.T @ white)
+        return max(float(np.sqrt(_square_sum(left) / self.dof)), self.least_scale)
 
     @property
     def tried(self) -> Sequence[Whitenings]:
-        """The correlations that are tried."""
-        return self._trials
+        """The correlations that are tried, in what `seen` gives."""
+        return self._looks[-1].tried
+
+    @property
+    def sees_all(self) -> bool:
+        """Whether that is all data, each by itself."""
+        return len(self._looks[-1].neighbours.first) == len(self.where)
+
+    def seen(self, given: Observations, columns: FloatArray) -> FloatArray:
+        """Columns (n, ...) of the data in units of the given sigma; of many data blocks of neighbours."""
+        flat = in_units(given, self.where, columns[self.where].reshape(len(self.where), -1))
+        return self._looks[-1].neighbours.of(flat.reshape(len(self.where), *columns.shape[1:]))
 
     def white_scale(self, residuals: FloatArray) -> float:
         """The scale if the noise were white, `residuals` in units of the given sigma."""
         if self._free <= 0:
             return 1.0
-        scale = float(np.sqrt(self._trials[0].rss(residuals[self._looked_at, None])[0, 0] / self._free))
-        return max(scale, self.least_scale)
+        rss = sum(float(each.rss(residuals[:, None])[0, 0]) for each in self._looks)
+        return max(float(np.sqrt(rss / self._free)), self.least_scale)
 
-    def factors(self, correlations: list[tuple[float, Correlation]]) -> list[tuple[IntArray, FloatArray]]:
+    def factors(self, correlations: list[tuple[float, Correlation]]) -> list[Factor]:
         """Cholesky factors of the weighted mean of R, group by group, and which data; none for white noise."""
         return [(self.where[members], factor) for members, factor in self._factors(correlations)]
 
-    def _factors(self, correlations: list[tuple[float, Correlation]]) -> list[tuple[IntArray, FloatArray]]:
-        if all(not correlation.kernel for _, correlation in correlations):
-            return []
-        factors: list[tuple[IntArray, FloatArray]] = []
-        for group in np.unique(self.order.group):
-            members = np.flatnonzero(self.order.group == group)
-            if len(members) > MOST_CORRELATED:
-                raise DataError(
-                    f"the noise of {len(members)} data is correlated along {self.order.name}, which is worked out "
-                    f"for {MOST_CORRELATED} at most: average neighbouring ones, or leave out the order to take them "
-                    "as independent"
-                )
-            mean: FloatArray = np.eye(len(members), dtype=np.float64)
-            for name, strength in _strengths(correlations):
-                mean = np.asarray(mean + strength * self.order.kernel(name, members), dtype=np.float64)
-            factor = np.asarray(np.linalg.cholesky(mean), dtype=np.float64)
-            factors.append((members, factor))
-        return factors
+    def _factors(self, correlations: list[tuple[float, Correlation]]) -> list[Factor]:
+        return self.order.factors(tuple(_strengths(correlations)))
 
     def slow(self, correlations: list[tuple[float, Correlation]]) -> SlowNoise | None:
         """The law of the weighted mean of R; None for white noise."""
@@ -204,11 +181,9 @@ class Pool:
 
     def _whitened(self, residuals: FloatArray, correlation: Correlation) -> tuple[FloatArray, float]:
         """Residuals without their correlation, and the logarithm of its determinant."""
-        white, determinant = residuals.copy(), 0.0
-        for where, factor in self._factors([(1.0, correlation)]):
-            white[where] = solve_lower(factor, white[where])
-            determinant += 2.0 * float(np.sum(np.log(np.diag(factor))))
-        return white, determinant
+        factors = self._factors([(1.0, correlation)])
+        white = CorrelatedGroups(factors, len(residuals)).solve(residuals)
+        return white, 2.0 * sum(log_determinant(factor) for _, factor in factors)
 
 
 def _strengths(correlations: list[tuple[float, Correlation]]) -> list[tuple[str, float]]:
@@ -223,6 +198,30 @@ def _strengths(correlations: list[tuple[float, Correlation]]) -> list[tuple[str,
 def _square_sum(values: FloatArray) -> float:
     """Never 0: data without any scatter have a logarithm too."""
     return max(float(np.sum(np.square(values))), float(np.finfo(float).tiny))
+
+
+class _Look:
+    """Blocks of neighbouring data of a pool and the correlations that are tried in them, with what `saturates` all
+    data projected out."""
+
+    def __init__(self, order: PoolOrder, neighbours: Neighbours, saturates: FloatArray) -> None:
+        self.neighbours = neighbours
+        basis = orthonormal(neighbours.of(saturates), 1e-9)
+        count = len(neighbours.first)
+        self.free = count - basis.shape[1]
+        self.tried = [Whitenings([WHITE], np.zeros((1, count)), None, basis)]
+        for name in order.kernels:
+            # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
+            strength, vectors = order.decomposed(name, neighbours)
+            tried = [Correlation(name, q) for q in RATIOS]
+            self.tried.append(Whitenings(tried, np.outer(RATIOS, strength), vectors, basis))
+        self.correlations = [each for tried in self.tried for each in tried.correlations]
+        self.penalties = np.concatenate([tried.penalty for tried in self.tried])
+
+    def rss(self, residuals: FloatArray) -> FloatArray:
+        """Weighted square sums of what is left of `residuals` (pool, k) by each correlation, (correlations, k)."""
+        here = self.neighbours.of(residuals)
+        return np.concatenate([tried.rss(here) for tried in self.tried])
 
 
 class Whitenings:
@@ -270,11 +269,3 @@ class Whitenings:
         along = self._basis.T @ weighted
         taken = np.sum(along * (self._inverse @ along), axis=1)
         return np.asarray(np.sum(weighted * turned, axis=1) - taken)
-
-
-def _stretch(data: int, fitted: int) -> IntArray:
-    """The data from which the correlation is estimated: all, or a stretch from the middle."""
-    count = min(data, max(LARGEST_POOL, 3 * fitted))
-    # In one piece: a correlation shows between neighbours.
-    first = (data - count) // 2
-    return np.arange(first, first + count)

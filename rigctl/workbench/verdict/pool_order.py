@@ -6,10 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
+from rigctl.analysis.correlated_groups import Factor
+from rigctl.analysis.relaxation_factor import RelaxationFactor
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.scatter import LEAST_DOF
 from rigctl.workbench.study import NoisePool, Observations
-from rigctl.workbench.verdict.kernels import kernel
+from rigctl.workbench.verdict.kernels import LARGEST_MATRIX, Strengths, kernel, summed
+from rigctl.workbench.verdict.neighbours import Neighbours, blocks, stretch
 from rigctl.workbench.verdict.saturated import SATURATED_SHARE
 
 EXPONENTS = (1.0, 1.64, 2.4)
@@ -17,9 +20,12 @@ EXPONENTS = (1.0, 1.64, 2.4)
 
 TIME_CONSTANTS = 6
 
-# A kernel of so many data is kept, and decomposed at a cost that grows as the cube.
-LARGEST_POOL = 400
-"""Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
+LARGEST_POOL = LARGEST_MATRIX
+"""Beyond, the correlation is looked for in a stretch of so many data, and in so many means of neighbours: kernels are
+decomposed at a cost that grows as the cube."""
+
+STEP = 100
+"""Of that number, where what is projected out asks for more."""
 
 
 class PoolOrder:
@@ -31,7 +37,9 @@ class PoolOrder:
         self.group = given.group_of[where]
         self._at = _usable(given.of_runs(name)[where]) if name is not None else None
         self._made: dict[tuple[str, bytes], FloatArray] = {}
-        self._decomposed: dict[tuple[str, bytes], tuple[FloatArray, FloatArray]] = {}
+        self._looked_at: dict[int, list[Neighbours]] = {}
+        self._last: tuple[Strengths, list[Factor]] | None = None
+        self._decomposed: dict[tuple[str, Neighbours], tuple[FloatArray, FloatArray]] = {}
 
     @property
     def correlated(self) -> bool:
@@ -49,21 +57,58 @@ class PoolOrder:
 
     def kernel(self, name: str, members: IntArray) -> FloatArray:
         """Correlation of unit variance between data of one group, 0 between groups."""
-        if len(members) > LARGEST_POOL or name not in self.kernels:
+        if name not in self.kernels:
             return self._make(name, members)
         key = (name, members.tobytes())
         if key not in self._made:
             self._made[key] = self._make(name, members)
         return self._made[key]
 
-    def decomposed(self, name: str, members: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Eigenvalues and eigenvectors of that kernel."""
-        if len(members) > LARGEST_POOL:
-            return np.linalg.eigh(self.kernel(name, members))
-        key = (name, members.tobytes())
-        if key not in self._decomposed:
-            self._decomposed[key] = np.linalg.eigh(self.kernel(name, members))
-        return self._decomposed[key]
+    def looked_at(self, fitted: int) -> list[Neighbours]:
+        """In what a correlation is looked for beside so many columns: in all data, or, of many, in a stretch of them
+        and then in blocks of all, which show what is slow."""
+        # Models of the same data that differ by a few columns share what was decomposed.
+        data, most = len(self.where), max(LARGEST_POOL, -(-3 * fitted // STEP) * STEP)
+        if most not in self._looked_at:
+            self._looked_at[most] = [stretch(data, min(data, most))]
+            if data > most and self.correlated:
+                assert self._at is not None
+                self._looked_at[most].append(blocks(self._at, self.group, -(-data // most)))
+        return self._looked_at[most]
+
+    def decomposed(self, name: str, neighbours: Neighbours) -> tuple[FloatArray, FloatArray]:
+        """Eigenvalues and eigenvectors of that kernel between blocks of neighbours."""
+        known = self._decomposed.get((name, neighbours))
+        if known is None:
+            assert self._at is not None
+            group = self.group[neighbours.members][neighbours.first]
+            correlation = neighbours.kernel(name, self._at, self.time_scales)
+            known = np.linalg.eigh(np.where(group[:, None] == group[None, :], correlation, 0.0))
+            if len(group) <= LARGEST_POOL:
+                self._decomposed[name, neighbours] = known
+        return known
+
+    def factors(self, strengths: Strengths) -> list[Factor]:
+        """Cholesky factors of R = 1 + sum of strength * kernel, group by group; none of white noise."""
+        last = self._last
+        if last is None or last[0] != strengths:
+            # Models of the same data often have the same noise.
+            last = self._last = (
+                strengths,
+                [self._factor(strengths, group) for group in np.unique(self.group) if strengths],
+            )
+        return last[1]
+
+    def _factor(self, strengths: Strengths, group: int) -> Factor:
+        members = np.flatnonzero(self.group == group)
+        if len(members) > LARGEST_MATRIX:
+            assert self._at is not None
+            rising = members[np.argsort(self._at[members], kind="stable")]
+            return rising, RelaxationFactor(self._at[rising], summed(strengths, self.time_scales))
+        mean: FloatArray = np.eye(len(members), dtype=np.float64)
+        for name, strength in strengths:
+            mean = np.asarray(mean + strength * self.kernel(name, members), dtype=np.float64)
+        return members, np.asarray(np.linalg.cholesky(mean), dtype=np.float64)
 
     @cached_property
     def time_scales(self) -> tuple[float, float]:

@@ -26,7 +26,7 @@ def break_rather_than_noise(attempt: Attempt) -> Term | None:
     """The break of the level that describes the data better than noise correlated along their order.
 
     By Schwarz's criterion, and by more than such noise does by chance. None where there is none, and where the data
-    are not one pool of at most `LARGEST_POOL` with an order.
+    are not one pool with an order.
     """
     pool = attempt.estimator.whole_pool
     if pool is None:
@@ -34,7 +34,11 @@ def break_rather_than_noise(attempt: Attempt) -> Term | None:
     breaks = [each for each in attempt.candidates if breaks_level(attempt, each.term.effect)]
     if not breaks:
         return None
-    asked = [Asked(each.derivative[:, None], 2.0 * attempt.price_of(each, len(each.names))) for each in breaks]
+    given = attempt.model.observations
+    asked = [
+        Asked(pool.seen(given, each.derivative[:, None]), 2.0 * attempt.price_of(each, len(each.names)))
+        for each in breaks
+    ]
     alone = NoiseAlone(attempt, pool, asked, attempt.seed)
     best = int(np.argmax(alone.gained))
     return breaks[best].term if alone.gained[best] > 0.0 and alone.probability(best) < BY_CHANCE else None

@@ -66,12 +66,19 @@ class Scoring:
         """All scans have been scored: what they were scored with is as long as some columns."""
         self.__dict__.pop("_along", None)
 
-    def sketch(self, candidate: Candidate) -> FloatArray:
-        """A sketch of a candidate's whitened columns, (buckets, d)."""
-        if id(candidate) not in self._sketches:
-            columns = self._fitted.whitened_columns(candidate.derivative)
-            self._sketches[id(candidate)] = sketch_of(len(columns)).of(columns)
-        return self._sketches[id(candidate)]
+    def sketches(self, candidates: Sequence[Candidate]) -> list[FloatArray]:
+        """Sketches of candidates' whitened columns, (buckets, d) each."""
+        missing = [each for each in candidates if id(each) not in self._sketches]
+        # Correlated noise is taken off many columns in little more time than off one.
+        together = max(_TOGETHER_AT_MOST // (len(self._fitted.left) * len(missing[0].names)), 1) if missing else 1
+        for first in range(0, len(missing), together):
+            some = missing[first : first + together]
+            columns = [each.derivative for each in some]
+            ends = np.cumsum([each.shape[1] for each in columns])[:-1]
+            white = np.split(self._fitted.whitened_columns(np.hstack(columns)), ends, axis=1)
+            made = (sketch_of(len(each)).of(each) for each in white)
+            self._sketches.update(zip(map(id, some), made, strict=True))
+        return [self._sketches[id(each)] for each in candidates]
 
     def _basis(self, candidate: Candidate) -> FloatArray:
         return self._projector.score(self._fitted.whitened_columns(candidate.derivative)).basis

@@ -6,6 +6,8 @@ from collections.abc import Callable, Hashable
 
 import numpy as np
 
+from rigctl.analysis.correlated_groups import Triangle
+from rigctl.analysis.relaxation_factor import RelaxationFactor
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.generic import Generic
@@ -51,8 +53,14 @@ def _differ_by_a_factor(one: Noise, other: Noise) -> bool:
         return False
     factors = zip(one.factors, other.factors, strict=True)
     return common_ratio(one.sigma, other.sigma) is not None and all(
-        np.array_equal(mine[0], its[0]) and np.array_equal(mine[1], its[1]) for mine, its in factors
+        np.array_equal(mine[0], its[0]) and _are_equal(mine[1], its[1]) for mine, its in factors
     )
+
+
+def _are_equal(one: Triangle, other: Triangle) -> bool:
+    if isinstance(one, RelaxationFactor) or isinstance(other, RelaxationFactor):
+        return one is other
+    return np.array_equal(one, other)
 
 
 def common_ratio(one: FloatArray, other: FloatArray) -> float | None:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.generic import Best
-from rigctl.workbench.verdict.noise_alone import in_doubt
 from rigctl.workbench.verdict.score import corrected, single
 from rigctl.workbench.verdict.trials import smallest_of
 
@@ -33,9 +32,9 @@ def p_of_scored(attempt: Attempt, scored: Scored) -> float:
         # The larger: that the noise is estimated can only make an effect less sure.
         p_value = max(p_value, law.p_value(score.statistic, score.dimension))
     chance = attempt.chance_of_noise
-    if chance is None or not in_doubt(attempt.corrected(p_value, effect)):
+    if chance is None or not chance.in_doubt(attempt.corrected(p_value, effect)):
         return p_value
-    return max(p_value, single(chance.of_effect(effect), attempt.trials_of(effect)))
+    return max(p_value, single(chance.of_effect(scored.candidate), attempt.trials_of(effect)))
 
 
 def is_significant(attempt: Attempt, scored: Scored, alpha: float) -> bool:
@@ -60,8 +59,8 @@ def p_of_shape(attempt: Attempt) -> float:
     if p_value < CONFIRM_FROM and attempt.to_be_drawn(shape.columns):
         law = attempt.bootstrap.shapes
         p_value = max(p_value, corrected(law.p_value(shape.statistic, shape.dimension), shape.n_eff))
-    if attempt.chance_of_noise is not None and in_doubt(p_value):
-        p_value = max(p_value, attempt.chance_of_noise.of_shapes)
+    if (chance := attempt.chance_of_noise) is not None and chance.in_doubt(p_value):
+        p_value = max(p_value, chance.of_shape(shape.columns))
     return p_value
 
 

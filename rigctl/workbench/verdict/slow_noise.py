@@ -14,7 +14,6 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.hidden import HiddenInNoise
 from rigctl.workbench.verdict.attempt import Attempt, Scored
-from rigctl.workbench.verdict.noise_alone import in_doubt
 from rigctl.workbench.verdict.ranking import detectable
 from rigctl.workbench.verdict.score import Projector, Score
 from rigctl.workbench.verdict.significance import CATALOGUE_SHARE, corrected_for, is_significant, p_of_scored
@@ -86,9 +85,9 @@ def _costs(now: Scored, white: Scored) -> bool:
 def _is_as_noise(attempt: Attempt, scored: Scored, alpha: float) -> bool:
     """Whether an effect is not significant only because noise that is correlated does as well alone."""
     chance, p_value = attempt.chance_of_noise, _corrected(attempt, scored)
-    if chance is None or not in_doubt(p_value) or p_value >= CATALOGUE_SHARE * alpha:
+    if chance is None or not chance.in_doubt(p_value) or p_value >= CATALOGUE_SHARE * alpha:
         return False
-    return chance.of_effect(scored.candidate.term.effect) >= CATALOGUE_SHARE * alpha
+    return chance.of_effect(scored.candidate) >= CATALOGUE_SHARE * alpha
 
 
 def _orders(attempt: Attempt) -> list[str]:

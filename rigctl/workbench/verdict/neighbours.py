@@ -1,0 +1,83 @@
+"""Means of neighbouring data along an order: what is slow in many data, told by few numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.verdict.kernels import kernel, relaxations
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """Data of a pool in blocks: `members` are their places, block by block, of which each begins at one of `first`.
+
+    A block stands for its data as their sum over the root of their number: independent data of unit variance are
+    such blocks as well. Blocks of one are the data themselves. `size` is the most that a block has.
+    """
+
+    members: IntArray
+    first: IntArray
+    size: int
+
+    def of(self, columns: FloatArray) -> FloatArray:
+        """The blocks of columns (pool, ...), (blocks, ...)."""
+        here = columns[self.members]
+        if self.size == 1:
+            return here
+        roots = np.sqrt(self._counts).reshape(-1, *[1] * (columns.ndim - 1))
+        return np.asarray(np.add.reduceat(here, self.first, axis=0) / roots)
+
+    def kernel(self, name: str, at: FloatArray, scales: tuple[float, float]) -> FloatArray:
+        """How blocks are correlated whose data, at these places on the order (pool,), have this kernel."""
+        at = at[self.members]
+        if self.size == 1:
+            return kernel(name, np.abs(at[:, None] - at[None, :]), scales)
+        begin, end = at[self.first], at[self.first + self._counts - 1]
+        block = np.repeat(np.arange(len(self.first)), self._counts)
+        before, after, within = at - end[block], begin[block] - at, self._within(at)
+        # Blocks of one group follow each other.
+        across = np.maximum(begin[None, :] - end[:, None], 0.0)
+        found, own = np.zeros_like(across), np.zeros(len(begin))
+        for share, constant in relaxations(name, scales):
+            # From a datum to the end of its block, across to another, into that: a product of exponentials.
+            to_end = np.add.reduceat(np.exp(before / constant), self.first)
+            from_begin = np.add.reduceat(np.exp(after / constant), self.first)
+            found += share * to_end[:, None] * from_begin * np.exp(-across / constant)
+            own += share * np.sum(np.exp(-within / constant), axis=(1, 2))
+        later, roots = np.triu(found, 1), np.sqrt(self._counts)
+        return np.asarray((later + later.T + np.diag(own)) / (roots[:, None] * roots))
+
+    def _within(self, at: FloatArray) -> FloatArray:
+        """How far the data of each block are apart, (blocks, size, size); infinitely where it has fewer."""
+        place = np.arange(self.size)
+        there = place < self._counts[:, None]
+        inside = at[self.first[:, None] + np.where(there, place, 0)]
+        apart = np.abs(inside[:, :, None] - inside[:, None, :])
+        return np.where(there[:, :, None] & there[:, None, :], apart, np.inf)
+
+    @cached_property
+    def _counts(self) -> IntArray:
+        return np.diff(np.append(self.first, len(self.members)))
+
+
+def stretch(data: int, count: int) -> Neighbours:
+    """So many of the data, in one piece from their middle: a correlation shows between neighbours."""
+    first = (data - count) // 2
+    return Neighbours(np.arange(first, first + count), np.arange(count), 1)
+
+
+def blocks(at: FloatArray, group: IntArray, size: int) -> Neighbours:
+    """All data, no more than `size` of a group that are next to each other `at` places on the order (data,)."""
+    members = np.lexsort((at, group))
+    counts = np.unique(group, return_counts=True)[1]
+    begins = np.concatenate([[0], np.cumsum(counts)])
+    parts = [
+        begin + np.arange(number) * count // number
+        for begin, count in zip(begins, counts, strict=False)
+        for number in [-(-count // size)]
+    ]
+    return Neighbours(members, np.concatenate(parts), size)
