@@ -38,7 +38,7 @@ class Neighbours:
             return kernel(name, np.abs(at[:, None] - at[None, :]), scales)
         begin, end = at[self.first], at[self.first + self._counts - 1]
         block = np.repeat(np.arange(len(self.first)), self._counts)
-        before, after, within = at - end[block], begin[block] - at, self._within(at)
+        before, after, gaps = at - end[block], begin[block] - at, self._gaps(at)
         # Blocks of one group follow each other.
         across = np.maximum(begin[None, :] - end[:, None], 0.0)
         found, own = np.zeros_like(across), np.zeros(len(begin))
@@ -47,17 +47,25 @@ class Neighbours:
             to_end = np.add.reduceat(np.exp(before / constant), self.first)
             from_begin = np.add.reduceat(np.exp(after / constant), self.first)
             found += share * to_end[:, None] * from_begin * np.exp(-across / constant)
-            own += share * np.sum(np.exp(-within / constant), axis=(1, 2))
+            own += share * self._pairs(np.exp(-gaps / constant))
         later, roots = np.triu(found, 1), np.sqrt(self._counts)
         return np.asarray((later + later.T + np.diag(own)) / (roots[:, None] * roots))
 
-    def _within(self, at: FloatArray) -> FloatArray:
-        """How far the data of each block are apart, (blocks, size, size); infinitely where it has fewer."""
-        place = np.arange(self.size)
-        there = place < self._counts[:, None]
-        inside = at[self.first[:, None] + np.where(there, place, 0)]
-        apart = np.abs(inside[:, :, None] - inside[:, None, :])
-        return np.where(there[:, :, None] & there[:, None, :], apart, np.inf)
+    def _gaps(self, at: FloatArray) -> FloatArray:
+        """From each datum of a block to the next, (size - 1, blocks); infinite where it has fewer."""
+        gaps = np.full((self.size - 1, len(self.first)), np.inf)
+        for place in range(self.size - 1):
+            there = self._counts > place + 1
+            gaps[place, there] = at[self.first[there] + place + 1] - at[self.first[there] + place]
+        return gaps
+
+    def _pairs(self, kept: FloatArray) -> FloatArray:
+        """Sum over all pairs of data of each block, (blocks,), of what is `kept` across the gaps between them."""
+        total, of_all_before = self._counts.astype(np.float64), np.zeros(len(self.first))
+        for each in kept:
+            of_all_before = (of_all_before + 1.0) * each
+            total += 2.0 * of_all_before
+        return total
 
     @cached_property
     def _counts(self) -> IntArray:
