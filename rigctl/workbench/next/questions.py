@@ -14,6 +14,7 @@ from rigctl.workbench.findings import Diagnosis, Rank
 from rigctl.workbench.study import ScansBetween, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.score import ABSORBED
+from rigctl.workbench.verdict.shared import Shared
 
 SURE = 2.0
 """So many sigma of a parameter, and it is there."""
@@ -45,10 +46,13 @@ class Question:
         return self.rival.effect if self.rival else self.instead
 
 
-def rivals(study: Study, final: Sequence[Term], diagnosis: Diagnosis) -> tuple[tuple[Term, ...], list[Question]]:
+def rivals(
+    study: Study, final: Sequence[Term], diagnosis: Diagnosis, shared: Shared
+) -> tuple[tuple[Term, ...], list[Question]]:
     """Of what was found and has an equal: either against the other, at the size it would have.
 
     `final` are the terms the diagnosis ended with; what is returned first are those of them without an equal.
+    `shared` is what attempts with this study have in common.
     """
     contested = [
         rank
@@ -60,10 +64,11 @@ def rivals(study: Study, final: Sequence[Term], diagnosis: Diagnosis) -> tuple[t
     questions = []
     for rank in contested:
         beside = (*base, *(term for term in doubted if term != rank.term))
-        for alternative in _equals(study, beside, rank):
+        own = _estimated(study, beside, rank.term, shared)
+        for alternative in _equals(study, beside, rank, shared):
+            its = _estimated(study, beside, alternative, shared)
             # Both ways: either may be the truth, and the runs must tell whichever it is.
-            for one, other in ((rank.term, alternative), (alternative, rank.term)):
-                size = _estimated(study, beside, one)
+            for one, size, other in ((rank.term, own, alternative), (alternative, its, rank.term)):
                 if len(size):
                     questions.append(Question(one, other, size, "estimate", nearby=_nearby(study, other)))
     return base, questions
@@ -92,9 +97,10 @@ def inseparable(final: Attempt, diagnosis: Diagnosis) -> list[Question]:
     return questions
 
 
-def _equals(study: Study, beside: Sequence[Term], rank: Rank) -> list[Term]:
+def _equals(study: Study, beside: Sequence[Term], rank: Rank, shared: Shared) -> list[Term]:
     """What does as well in its place, each with the choice (a head) that does best there."""
-    instead = {each.candidate.term.effect: each.candidate.term for each in Attempt(study, beside).scored}
+    scored = Attempt(study, beside, shared=shared).scored
+    instead = {each.candidate.term.effect: each.candidate.term for each in scored}
     return [instead[effect] for effect in rank.equivalent_to if effect in instead]
 
 
@@ -106,10 +112,10 @@ def _nearby(study: Study, term: Term) -> tuple[Term, ...]:
     return tuple(Term(term.effect, {**term.choice, name: value}) for name, both in neighbours for value in both)
 
 
-def _estimated(study: Study, beside: Sequence[Term], term: Term) -> FloatArray:
+def _estimated(study: Study, beside: Sequence[Term], term: Term, shared: Shared) -> FloatArray:
     """Size of a term fitted beside others, (d,), without what was scanned for; empty when it cannot be fitted."""
     try:
-        attempt = Attempt(study, (*beside, term))
+        attempt = Attempt(study, (*beside, term), shared=shared)
     except UNFIT:
         return np.zeros(0)
     amplitudes = [name not in attempt.scanned for name in attempt.names]

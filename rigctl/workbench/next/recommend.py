@@ -34,6 +34,7 @@ from rigctl.workbench.next.recommendation import (
 from rigctl.workbench.next.tighten import tightening
 from rigctl.workbench.study import Allowed, Plannable, Proposal, Scheduled, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.shared import Shared
 
 MOST_RUNS = 24
 
@@ -62,15 +63,16 @@ def recommend(
     if not offered:
         return Recommendation("none", (), "There is no run that the bench can do.")
     final = diagnosis.steps[-1].terms if diagnosis.steps else tuple(terms)
-    base, questions = rivals(study, final, diagnosis)
+    shared = Shared()
+    base, questions = rivals(study, final, diagnosis, shared)
     # Rivals are asked about in a model without any of those in doubt: each takes its place in turn.
     separating = Decided()
     if questions:
-        imagined = Imagined(study, Attempt(study, base), offered)
+        imagined = Imagined(study, Attempt(study, base, shared=shared), offered)
         separating = decided(imagined, questions, most_runs, others_than(questions, imagined))
     if separating.chosen:
         return _telling("separate", separating, offered, seed)
-    attempt = Attempt(study, final)
+    attempt = Attempt(study, final, shared=shared)
     # Whoever offers runs has asked for some of these, at any time.
     if not given and (revealed := _out_of_slow_noise(study, attempt, diagnosis, allowed)) is not None:
         return replace(revealed, hopeless=separating.hopeless)
