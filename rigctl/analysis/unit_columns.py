@@ -24,6 +24,7 @@ class UnitColumns:
         self.size = np.linalg.norm(columns, axis=0)
         self._columns = (columns / np.where(self.size > 0.0, self.size, 1.0)).reshape(n, -1)
         self._drawn: dict[object, NDArray[np.float32]] = {}
+        self._made_again: Callable[[int], FloatArray] | None = None
 
     @cached_property
     def gram(self) -> FloatArray:
@@ -49,7 +50,14 @@ class UnitColumns:
 
     def columns(self, place: int) -> FloatArray:
         """Of one choice, (n, d)."""
-        return self.stack[:, place]
+        if self._made_again is None:
+            return self.stack[:, place]
+        return self._made_again(place) / np.where(self.size[place] > 0.0, self.size[place], 1.0)
+
+    def let_go(self, made_again: Callable[[int], FloatArray]) -> None:
+        """Keep the moments that have been asked for, and no columns: those of one choice as they were given, (n, d),
+        are `made_again` when they are asked for."""
+        self._columns, self._made_again = self._columns[:0].copy(), made_again
 
     @property
     def stack(self) -> FloatArray:

@@ -94,7 +94,23 @@ def test_scores_are_those_of_the_columns(seed: int, terms: tuple[Term, ...], mon
     y, columns = readings(seed)
     plain = Attempt(table(y, **columns), terms)
     count_as_long(monkeypatch)
-    summed = Attempt(table(y, **columns), terms)
+    assert_same_scores(plain, Attempt(table(y, **columns), terms))
+
+
+def test_scores_in_correlated_noise_are_those_of_the_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums cannot be whitened: columns are made, whitened and sketched, and let go."""
+    y, columns = readings(4)
+    y += 0.1 * np.cumsum(0.1 * np.random.default_rng(9).standard_normal(ROWS))
+    columns["time_s"] = np.arange(ROWS, dtype=np.float64)
+    plain = Attempt(table(y, order="time_s", **columns), ())
+    assert plain.noise.factors
+    count_as_long(monkeypatch)
+    summed = Attempt(table(y, order="time_s", **columns), ())
+    assert_same_scores(plain, summed)
+    assert_as_many_trials(plain, summed)
+
+
+def assert_same_scores(plain: Attempt, summed: Attempt) -> None:
     of_plain = {each.candidate.term.effect: each for each in plain.scored}
     assert of_plain.keys() == {each.candidate.term.effect for each in summed.scored}
     for each in summed.scored:
@@ -117,14 +133,18 @@ def test_scores_are_those_of_the_columns(seed: int, terms: tuple[Term, ...], mon
 
 def test_trials_on_a_sketch_are_as_many(monkeypatch: pytest.MonkeyPatch) -> None:
     y, columns = readings(1)
-    plain = Attempt(table(y, **columns), ()).trials
+    plain = Attempt(table(y, **columns), ())
     count_as_long(monkeypatch)
-    sketched = Attempt(table(y, **columns), ()).trials
-    assert plain.within.keys() == sketched.within.keys()
-    for family, count in plain.within.items():
+    assert_as_many_trials(plain, Attempt(table(y, **columns), ()))
+
+
+def assert_as_many_trials(plain: Attempt, sketched: Attempt) -> None:
+    counted = sketched.trials
+    assert plain.trials.within.keys() == counted.within.keys()
+    for family, count in plain.trials.within.items():
         # Each is known to 16 % from its draws, and so is the other: five standard deviations.
-        assert np.log(sketched.within[family] / count) == pytest.approx(0.0, abs=5 * 0.16 * np.sqrt(2.0)), family
-    assert np.log(sketched.all / plain.all) == pytest.approx(0.0, abs=5 * 0.16 * np.sqrt(2.0))
+        assert np.log(counted.within[family] / count) == pytest.approx(0.0, abs=5 * 0.16 * np.sqrt(2.0)), family
+    assert np.log(counted.all / plain.trials.all) == pytest.approx(0.0, abs=5 * 0.16 * np.sqrt(2.0))
 
 
 def test_two_hidden_effects_are_found_in_a_long_table() -> None:

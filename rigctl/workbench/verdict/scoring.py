@@ -87,10 +87,21 @@ class Scoring:
         """Of all choices of a scan."""
         scan, asked = choices[0].columns, _places(choices)
         # Sums over the rows cannot be whitened across them.
-        if not isinstance(scan, Scan | SummedScan) or (isinstance(scan, SummedScan) and self._noise.factors):
+        summed = isinstance(scan, SummedScan) and bool(self._noise.factors)
+        if summed or not isinstance(scan, Scan | SummedScan):
             scan, asked = Scan(np.stack([each.derivative for each in choices], axis=1)), np.arange(len(choices))
         unit, scale = self.unit_columns(scan)
-        return ScanScores(self._projector, unit, scale, self._own, self._along, asked)
+        scores = ScanScores(self._projector, unit, scale, self._own, self._along, asked)
+        if summed and isinstance(unit, UnitColumns):
+            self._keep_sketches(choices, unit)
+        return scores
+
+    def _keep_sketches(self, choices: Sequence[Candidate], unit: UnitColumns) -> None:
+        """Of whitened columns, which are too many to be kept and take long to make again."""
+        data, sketch = self._projector.data, sketch_of(len(self._fitted.left))
+        for number, each in enumerate(choices):
+            self._sketches[id(each)] = sketch.of(unit.columns(number) * unit.size[number], slice(data))
+        unit.let_go(lambda place: self._fitted.whitened_columns(choices[place].derivative)[:data])
 
     @cached_property
     def _in_frame(self) -> FloatArray:
