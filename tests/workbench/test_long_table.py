@@ -8,6 +8,7 @@ import pytest
 from rigctl.analysis.column_sums import LARGE
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
@@ -37,6 +38,18 @@ def readings(seed: int, rows: int = ROWS) -> tuple[FloatArray, dict[str, FloatAr
     noise = 0.1 * rng.standard_normal(rows)
     hidden = 0.05 * np.sin(2.0 * np.pi * columns["z"] / 1.7) + 0.03 * (columns["w"] > 1.2)
     return 1.0 + 0.3 * columns["x"] + noise + hidden, columns
+
+
+def test_more_readings_than_correlated_noise_is_worked_out_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What each model needs of them does not fit into memory: it was the end of the computer's patience."""
+    rng, rows = np.random.default_rng(3), 300
+    walk = np.cumsum(rng.standard_normal(rows))
+    columns = {"x": rng.uniform(0.0, 10.0, rows), "time_s": np.arange(rows, dtype=np.float64)}
+    monkeypatch.setattr("rigctl.workbench.verdict.pool_order.MOST_CORRELATED", rows - 1)
+    with pytest.raises(DataError, match=r"noise of 300 data is correlated along time_s.*299 at most: average"):
+        Attempt(table(1.0 + 0.3 * columns["x"] + walk, order="time_s", **columns), ())
+    # Independent ones need none of it.
+    assert Attempt(table(1.0 + 0.3 * columns["x"] + rng.standard_normal(rows), **columns), ()).result.chi2 > 0.0
 
 
 SLOW = 1500

@@ -126,9 +126,11 @@ class Pool:
 
     def white_scale(self, residuals: FloatArray) -> float:
         """The scale if the noise were white, `residuals` in units of the given sigma."""
+        if not self.sees_all:
+            return self._scale_of_all(residuals, [])
         if self._free <= 0:
             return 1.0
-        rss = sum(float(each.rss(residuals[:, None])[0, 0]) for each in self._looks)
+        rss = float(self._looks[0].tried[0].rss(residuals[:, None])[0, 0])
         return max(float(np.sqrt(rss / self._free)), self.least_scale)
 
     def factors(self, correlations: list[tuple[float, Correlation]]) -> list[Factor]:

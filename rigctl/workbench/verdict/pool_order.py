@@ -9,6 +9,7 @@ import numpy as np
 from rigctl.analysis.correlated_groups import Factor
 from rigctl.analysis.relaxation_factor import RelaxationFactor
 from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.core.errors import DataError
 from rigctl.workbench.scatter import LEAST_DOF
 from rigctl.workbench.study import NoisePool, Observations
 from rigctl.workbench.verdict.kernels import LARGEST_MATRIX, Strengths, kernel, summed
@@ -23,6 +24,9 @@ TIME_CONSTANTS = 6
 LARGEST_POOL = LARGEST_MATRIX
 """Beyond, the correlation is looked for in a stretch of so many data, and in so many means of neighbours: kernels are
 decomposed at a cost that grows as the cube."""
+
+MOST_CORRELATED = 200_000
+"""Data that are correlated with each other: more than a gigabyte for each model that is kept."""
 
 STEP = 100
 """Of that number, where what is projected out asks for more."""
@@ -101,6 +105,12 @@ class PoolOrder:
 
     def _factor(self, strengths: Strengths, group: int) -> Factor:
         members = np.flatnonzero(self.group == group)
+        if len(members) > MOST_CORRELATED:
+            raise DataError(
+                f"the noise of {len(members)} data is correlated along {self.name}, which is worked out for "
+                f"{MOST_CORRELATED} at most: average neighbouring ones, or leave out the order to take them as "
+                "independent"
+            )
         if len(members) > LARGEST_MATRIX:
             assert self._at is not None
             rising = members[np.argsort(self._at[members], kind="stable")]
