@@ -162,6 +162,7 @@ READINGS: dict[str, Callable[[], Columns]] = {
     "lake-huron": r_columns("datasets", "LakeHuron", year="time", level_ft="value"),
     "lynx": logarithm_of_series("lynx", "log10_trapped"),
     "mauna-loa": mauna_loa,
+    "mauna-loa-ordered": mauna_loa,
     "morley": morley,
     "nile": r_columns("datasets", "Nile", year="time", flow_1e8_m3="value"),
     "nottem": r_columns("datasets", "nottem", year="time", temperature_degf="value"),
@@ -175,6 +176,7 @@ READINGS: dict[str, Callable[[], Columns]] = {
     ),
     "sunspots": r_columns("datasets", "sunspot.year", year="time", sunspots="value"),
     "tooth-growth": tooth_growth,
+    "treering": r_columns("datasets", "treering", width="value", year="time"),
     "trees": trees,
     "women": r_columns("datasets", "women", weight_lb="weight", height_in="height"),
 }
