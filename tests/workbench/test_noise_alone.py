@@ -81,6 +81,17 @@ def test_what_an_effect_gains_is_the_difference_of_two_likelihoods_at_its_best_c
     assert single == pytest.approx(alone.gained, abs=0.01)
 
 
+def test_what_an_effect_gains_does_not_depend_on_the_size_of_its_columns() -> None:
+    """The cube of seconds over a year: its square is more than single precision holds."""
+    flow = relaxing(5, 60)
+    attempt = Attempt(study_of(flow), ())
+    cube = np.linspace(-1.0, 1.0, 60)[:, None, None] ** 3
+    alone = asked_beside(attempt, Asked(cube, 1.0), Asked(1e22 * cube, 1.0), Asked(1e-22 * cube, 1.0))
+    for precision in (np.float64, np.float32):
+        gained = alone.gains(flow[:, None], precision)[:, 0]
+        assert gained == pytest.approx(np.full(3, gained[0]), rel=1e-6)
+
+
 def test_beside_a_step_whose_place_has_no_slope_the_likeliest_noise_is_still_told() -> None:
     flow = relaxing(5) + 6.0 * (np.arange(DAYS) >= 30)
     study = study_of(flow)

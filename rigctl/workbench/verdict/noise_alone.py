@@ -93,6 +93,9 @@ class NoiseAlone:
         for width in sorted({each.columns.shape[2] for each in asked}):
             alike = [(place, each.columns) for place, each in enumerate(asked) if each.columns.shape[2] == width]
             columns = np.concatenate([of_effect for _, of_effect in alike], axis=1)
+            # No gain depends on their size, of which the square may be too large for single precision.
+            size = np.linalg.norm(columns, axis=0)
+            columns = columns / np.where(size > 0.0, size, 1.0)
             choices = [of_effect.shape[1] for _, of_effect in alike]
             places = np.array([place for place, _ in alike], dtype=np.intp)
             first = np.concatenate([[0], np.cumsum(choices)[:-1]]).astype(np.intp)
@@ -284,8 +287,8 @@ class ChanceOfNoise:
 
 @dataclass(frozen=True)
 class _Group:
-    """Effects with columns of equal number: their places, the columns (seen, choices of all, d), and where the
-    choices of each begin."""
+    """Effects with columns of equal number: their places, the columns (seen, choices of all, d) at unit length, and
+    where the choices of each begin."""
 
     effects: IntArray
     columns: FloatArray
