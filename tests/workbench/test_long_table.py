@@ -77,6 +77,20 @@ def test_noise_that_is_slow_over_a_long_table_is_no_effect(seed: int) -> None:
     assert {each.order for each in found.hidden_in_slow_noise} == {"time_s"}
 
 
+def test_slow_noise_beside_batches_is_no_effect() -> None:
+    """Taken for noise along the order of what is left without offsets, it was a slope in each batch."""
+    y, columns = in_slow_noise(4, 0.05)
+    lot = np.random.default_rng(4).integers(0, 30, 800)
+    y = y[:800] + 0.2 * np.random.default_rng(5).standard_normal(30)[lot]
+    asked = {"response": "y", "baseline": "b0 + b1 * x", "start": {}, "order": "time_s", "batch": ["lot"]}
+    record = RunRecord(READINGS, READINGS, "import", {"lot": [f"L{number}" for number in lot]})
+    samples = {"y": y, **{name: column[:800] for name, column in columns.items()}}
+    header = Header("table", extra={"table": asked})
+    found = diagnose(TableStudy(Recording(header, (record,), {READINGS: samples}, ImportReport(1))), ())
+    assert (found.verdict, found.suggested) == ("adequate", ())
+    assert found.noise[0].batches["lot"] > 0.1
+
+
 def test_what_does_not_go_along_the_order_is_found_beside_slow_noise() -> None:
     y, columns = in_slow_noise(5, 0.05)
     y += 0.02 * (columns["z"] - 20.0) / 3.0

@@ -338,6 +338,36 @@ def test_what_is_left_of_batches_is_less_their_offsets_as_best_predicted() -> No
     assert without_offsets(readings(24), residuals) is residuals
 
 
+@pytest.mark.parametrize("count", [24, 450])
+def test_noise_that_is_slow_beside_shared_offsets_is_slow_in_the_data_themselves(count: int) -> None:
+    """It takes the place of a part of what is each datum's own, by what it scatters; offsets stay beside it."""
+    rng = np.random.default_rng(count)
+    lot, sigma = rng.integers(0, 6, count), rng.uniform(0.5, 2.0, count)
+    shared = 0.36 * np.equal.outer(lot, lot)
+    triangle = np.linalg.cholesky(shared + 0.64 * np.eye(count))
+    given = replace(
+        readings(count),
+        sigma=sigma,
+        factors=((np.arange(count), triangle),),
+        offsets=(SharedOffset("lot", lot, 0.6),),
+    )
+    order, ratio = pool_orders(given)[0], 2.0
+    at = given.covariates["start_s"]
+    kernel = np.exp(-np.abs(np.subtract.outer(at, at)) / 600.0)
+    scatter = 1.0 - kernel.mean()
+    slow = order.factors((("exp 600.0", order.strength("exp 600.0", ratio)),))
+    noise = Noise(sigma, np.full(count, np.inf), (*given.factors, *slow), ())
+    own = 0.64 * (np.eye(count) + ratio * kernel) / (1.0 + ratio * scatter)
+    expected = np.outer(sigma, sigma) * (shared + own)
+    np.testing.assert_allclose(noise.variance_of(np.eye(count)), expected, rtol=1e-9, atol=1e-12)
+    # What the laws are told from is the same noise.
+    apart = np.linalg.solve(triangle, np.linalg.solve(triangle, shared + own).T)
+    for each in order.looked_at(5):
+        strength, vectors = order.decomposed("exp 600.0", each)
+        told = (vectors * (1.0 + order.strength("exp 600.0", ratio) * strength)) @ vectors.T
+        np.testing.assert_allclose(told, each.of(each.of(apart).T), atol=1e-9)
+
+
 def test_columns_that_concern_a_few_groups_are_whitened_as_all_are() -> None:
     rng = np.random.default_rng(3)
     groups = [rng.permutation(60)[:20] for _ in range(2)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,8 @@ EVEN_ODDS = 1.0
 """The same where a fitted parameter's uncertainty must not be too small (decision 078)."""
 
 _LIKELIHOOD = 1e-6
+# Of the white part: rounding of eigenvalues is not to bring less than nothing.
+_LEAST_VARIANCE = 1e-9
 _NEGLIGIBLE = 1e-3
 # Where everything is fitted: F has no law without a degree of freedom.
 _FLOOR_DOF = 1.0
@@ -138,7 +141,11 @@ class Pool:
         return [(self.where[members], factor) for members, factor in self._factors(correlations)]
 
     def _factors(self, correlations: list[tuple[float, Correlation]]) -> list[Factor]:
-        return self.order.factors(tuple(_strengths(correlations)))
+        told = [
+            (weight, replace(each, ratio=self.order.strength(each.kernel, each.ratio)))
+            for weight, each in correlations
+        ]
+        return self.order.factors(tuple(_strengths(told)))
 
     def slow(self, correlations: list[tuple[float, Correlation]]) -> SlowNoise | None:
         """The law of the weighted mean of R; None for white noise."""
@@ -216,7 +223,8 @@ class _Look:
             # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
             strength, vectors = order.decomposed(name, neighbours)
             tried = [Correlation(name, q) for q in RATIOS]
-            self.tried.append(Whitenings(tried, np.outer(RATIOS, strength), vectors, basis))
+            strengths = np.outer([order.strength(name, q) for q in RATIOS], strength)
+            self.tried.append(Whitenings(tried, strengths, vectors, basis))
         self.correlations = [each for tried in self.tried for each in tried.correlations]
         self.penalties = np.concatenate([tried.penalty for tried in self.tried])
 
@@ -241,7 +249,7 @@ class Whitenings:
     ) -> None:
         self.correlations = correlations
         self._vectors = vectors
-        self._precision = 1.0 / (1.0 + np.maximum(strengths, 0.0))
+        self._precision = 1.0 / np.maximum(1.0 + strengths, _LEAST_VARIANCE)
         self._basis = basis if vectors is None else vectors.T @ basis
         grams = np.stack([self._basis.T @ (each[:, None] * self._basis) for each in self._precision])
         self._inverse = np.linalg.inv(grams)

@@ -28,6 +28,9 @@ decomposed at a cost that grows as the cube."""
 MOST_CORRELATED = 200_000
 """Data that are correlated with each other: more than a gigabyte for each model that is kept."""
 
+MOST_MIXED = 2000
+"""Data with shared offsets whose slow noise is worked out as it is in the data, with matrices of all of them."""
+
 STEP = 100
 """Of that number, where what is projected out asks for more."""
 
@@ -40,6 +43,11 @@ class PoolOrder:
         self.name = name
         self.group = given.group_of[where]
         self._at = _usable(given.of_runs(name)[where]) if name is not None else None
+        # What is slow is so in the data themselves: in what they are without the offsets that they share it is mixed.
+        mixed = given.offsets and len(where) == len(given.value) <= MOST_MIXED
+        self._offsets = given.correlated if mixed else None
+        self._scatters: dict[str, float] = {}
+        self._own = 1.0 - sum(each.share**2 for each in given.offsets)
         self._made: dict[tuple[str, bytes], FloatArray] = {}
         self._looked_at: dict[int, list[Neighbours]] = {}
         self._last: tuple[Strengths, list[Factor]] | None = None
@@ -85,33 +93,39 @@ class PoolOrder:
         known = self._decomposed.get((name, neighbours))
         if known is None:
             assert self._at is not None
-            group = self.group[neighbours.members][neighbours.first]
-            correlation = neighbours.kernel(name, self._at, self.time_scales)
-            known = np.linalg.eigh(np.where(group[:, None] == group[None, :], correlation, 0.0))
-            if len(group) <= LARGEST_POOL:
+            known = np.linalg.eigh(self._between(name, neighbours))
+            if len(neighbours.first) <= LARGEST_POOL:
                 self._decomposed[name, neighbours] = known
         return known
+
+    def _between(self, name: str, neighbours: Neighbours) -> FloatArray:
+        assert self._at is not None
+        if self._offsets is not None:
+            of_all = self.kernel(name, np.arange(len(self.where)))
+            return neighbours.of(neighbours.of(of_all).T)
+        group = self.group[neighbours.members][neighbours.first]
+        correlation = neighbours.kernel(name, self._at, self.time_scales)
+        return np.where(group[:, None] == group[None, :], correlation, 0.0)
 
     def factors(self, strengths: Strengths) -> list[Factor]:
         """Cholesky factors of R = 1 + sum of strength * kernel, group by group; none of white noise."""
         last = self._last
         if last is None or last[0] != strengths:
             # Models of the same data often have the same noise.
-            last = self._last = (
-                strengths,
-                [self._factor(strengths, group) for group in np.unique(self.group) if strengths],
-            )
+            groups = [np.flatnonzero(self.group == group) for group in np.unique(self.group)]
+            # Offsets may be shared across groups.
+            parts = groups if self._offsets is None else [np.arange(len(self.where))]
+            last = self._last = strengths, [self._factor(strengths, members) for members in parts if strengths]
         return last[1]
 
-    def _factor(self, strengths: Strengths, group: int) -> Factor:
-        members = np.flatnonzero(self.group == group)
+    def _factor(self, strengths: Strengths, members: IntArray) -> Factor:
         if len(members) > MOST_CORRELATED:
             raise DataError(
                 f"the noise of {len(members)} data is correlated along {self.name}, which is worked out for "
                 f"{MOST_CORRELATED} at most: average neighbouring ones, or leave out the order to take them as "
                 "independent"
             )
-        if len(members) > LARGEST_MATRIX:
+        if len(members) > LARGEST_MATRIX and self._offsets is None:
             assert self._at is not None
             rising = members[np.argsort(self._at[members], kind="stable")]
             return rising, RelaxationFactor(self._at[rising], summed(strengths, self.time_scales))
@@ -131,7 +145,28 @@ class PoolOrder:
         assert self._at is not None
         apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
         same = self.group[members][:, None] == self.group[members][None, :]
-        return np.where(same, kernel(name, apart, self.time_scales), 0.0)
+        found = np.where(same, kernel(name, apart, self.time_scales), 0.0)
+        if self._offsets is None:
+            return found
+        # In place of a part of what is each datum's own: offsets stay as they are beside it.
+        own = self._own * (found - _scatter(found) * np.eye(len(found)))
+        return np.asarray(self._offsets.solve(self._offsets.solve(own).T))
+
+    def strength(self, name: str, ratio: float) -> float:
+        """How strong a kernel is in R where slow noise has this ratio to white noise."""
+        if self._offsets is None or not name:
+            return ratio
+        if name not in self._scatters:
+            assert self._at is not None
+            apart = np.abs(self._at[:, None] - self._at[None, :])
+            self._scatters[name] = _scatter(kernel(name, apart, self.time_scales))
+        # Where offsets were told slow noise was counted by what it scatters over all data.
+        return ratio / (1.0 + ratio * self._scatters[name])
+
+
+def _scatter(correlation: FloatArray) -> float:
+    """Variance that noise of this correlation has about its mean."""
+    return 1.0 - float(np.mean(correlation))
 
 
 def pool_orders(given: Observations) -> list[PoolOrder]:
