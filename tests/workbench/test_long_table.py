@@ -63,18 +63,20 @@ def in_slow_noise(seed: int, walk: float) -> tuple[FloatArray, dict[str, FloatAr
     return 1.0 + 0.3 * columns["x"] + 0.1 * noise, {**columns, "time_s": np.arange(SLOW, dtype=np.float64)}
 
 
-@pytest.mark.parametrize("seed", [0, 1, 3, 4])
-def test_noise_that_is_slow_over_a_long_table_is_no_effect(seed: int) -> None:
+def test_noise_that_is_slow_over_a_long_table_is_no_effect() -> None:
     """Of a stretch of it a walk is a level, and was named as up to four effects along the order.
 
-    In 60 tables like these three have one effect named, of the length of a stretch six: walks go on without end.
+    Walks go on without end, and draws of noise are tamer: of 60 tables like these three have an effect named.
     """
-    y, columns = in_slow_noise(seed, 0.05)
-    found = diagnose(table(y, order="time_s", **columns), ())
-    assert (found.verdict, found.suggested) == ("adequate", ())
-    # What it may hide is said.
-    assert found.hidden_in_slow_noise
-    assert {each.order for each in found.hidden_in_slow_noise} == {"time_s"}
+    named = []
+    for seed in range(5):
+        y, columns = in_slow_noise(seed, 0.05)
+        found = diagnose(table(y, order="time_s", **columns), ())
+        named += [seed] if found.verdict != "adequate" else []
+        # What it may hide is said.
+        assert {each.order for each in found.hidden_in_slow_noise} == {"time_s"}
+    # Two of five would come once in fifty times.
+    assert len(named) <= 1
 
 
 def test_slow_noise_beside_batches_is_no_effect() -> None:

@@ -68,7 +68,8 @@ class PoolOrder:
         return [f"exp {constant!r}" for constant in map(float, constants)] + [f"power {a:g}" for a in EXPONENTS]
 
     def kernel(self, name: str, members: IntArray) -> FloatArray:
-        """Correlation of unit variance between data of one group, 0 between groups."""
+        """What a kernel adds to R per strength: its correlation, or, beside offsets that all data share, what that
+        puts in the place of white noise."""
         if name not in self.kernels:
             return self._make(name, members)
         key = (name, members.tobytes())
@@ -142,24 +143,26 @@ class PoolOrder:
         return float(np.median(np.diff(ordered))), float(ordered[-1] - ordered[0])
 
     def _make(self, name: str, members: IntArray) -> FloatArray:
-        assert self._at is not None
-        apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
-        same = self.group[members][:, None] == self.group[members][None, :]
-        found = np.where(same, kernel(name, apart, self.time_scales), 0.0)
+        found = self._correlation(name, members)
         if self._offsets is None:
             return found
         # In place of a part of what is each datum's own: offsets stay as they are beside it.
         own = self._own * (found - _scatter(found) * np.eye(len(found)))
         return np.asarray(self._offsets.solve(self._offsets.solve(own).T))
 
+    def _correlation(self, name: str, members: IntArray) -> FloatArray:
+        """Of unit variance between data of one group, 0 between groups."""
+        assert self._at is not None
+        apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
+        same = self.group[members][:, None] == self.group[members][None, :]
+        return np.where(same, kernel(name, apart, self.time_scales), 0.0)
+
     def strength(self, name: str, ratio: float) -> float:
         """How strong a kernel is in R where slow noise has this ratio to white noise."""
         if self._offsets is None or not name:
             return ratio
         if name not in self._scatters:
-            assert self._at is not None
-            apart = np.abs(self._at[:, None] - self._at[None, :])
-            self._scatters[name] = _scatter(kernel(name, apart, self.time_scales))
+            self._scatters[name] = _scatter(self._correlation(name, np.arange(len(self.where))))
         # Where offsets were told slow noise was counted by what it scatters over all data.
         return ratio / (1.0 + ratio * self._scatters[name])
 
