@@ -12,8 +12,6 @@ from time import monotonic
 
 from textual import constants, events
 from textual._xterm_parser import XTermParser
-from textual.driver import Driver
-from textual.drivers import linux_driver
 from textual.message import Message
 
 ESC = "\x1b"
@@ -61,10 +59,3 @@ def _lone_escape(data: str) -> int:
 
 def _escape() -> events.Key:
     return events.Key("escape", ESC)
-
-
-def terminal_driver() -> type[Driver]:
-    """Textual's driver of a terminal, which reads its keys by `EscapeFirst`."""
-    # Its driver makes its parser by this name and takes none.
-    setattr(linux_driver, "XTermParser", EscapeFirst)  # noqa: B010 - the module does not declare it as its own
-    return linux_driver.LinuxDriver

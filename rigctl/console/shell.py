@@ -20,13 +20,13 @@ from textual.widgets import ContentSwitcher, Static
 from rigctl.console import messages as say
 from rigctl.console import state
 from rigctl.console.campaigns import Campaigns, last_line
-from rigctl.console.escape import terminal_driver
 from rigctl.console.feed import Feed
 from rigctl.console.help import COMMANDS, text_for
 from rigctl.console.holding import Holding
 from rigctl.console.log_lines import Search
 from rigctl.console.store_view import StoreView
 from rigctl.console.telling import Bell, Notes
+from rigctl.console.terminal import TerminalDriver
 from rigctl.console.themes import DARK, THEMES
 from rigctl.console.typed import OrderedKeys
 from rigctl.console.widgets.bars import AlarmStrip, KeyBar, Standing, TabBar, Telling, TopBar
@@ -82,7 +82,7 @@ class Shell(OrderedKeys):
         super().__init__()
         self.keys_wait = True
         # What the terminal itself sends is read by the driver; a console without one has none.
-        self.driver_class = terminal_driver()
+        self.driver_class = TerminalDriver
         self.directory = directory or state.state_directory()
         self.kept = state.load(self.directory)
         self._plugins = plugins

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import os
-import select
-import signal
 import threading
 from collections.abc import Sequence
 from pathlib import Path
 
 from rigctl.console.app import Console
 from rigctl.console.place import kind_of, require_store
+from rigctl.console.terminal import leave_terminal, watch_terminal
 from rigctl.core.errors import Aborted, ConfigError
 from rigctl.core.making_safe import require_rest
-
-LEAVE_S = 8.0
-"""A console that has lost its terminal has stopped everything, and is gone, after so long."""
-
 
 HAS_RUN = threading.Event()
 """Set when a console has been on the terminal: it leaves threads behind."""
@@ -34,7 +29,7 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
         raise ConfigError(
             "the console needs a terminal; without one use `rigctl run`, `rigctl status`, `rigctl answer`"
         )
-    console = Console(place, plugins, leave_terminal=_leave_terminal)
+    console = Console(place, plugins, leave_terminal=leave_terminal)
     watch_terminal()
     HAS_RUN.set()
     try:
@@ -45,37 +40,6 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     require_rest(console.unsafe)
     if console.interrupted:
         raise Aborted(console.interrupted)
-
-
-def watch_terminal(terminal: int = 0) -> None:
-    """Be sent HUP when a terminal hangs up.
-
-    The system sends it to who leads the terminal's session: not to a console that a script or a notebook started.
-    """
-
-    def watch() -> None:
-        hung_up = select.poll()
-        # No events but the hang-up, which poll always tells; reading would take away keys.
-        hung_up.register(terminal, 0)
-        if any(event & select.POLLHUP for _, event in hung_up.poll()):
-            os.kill(os.getpid(), signal.SIGHUP)
-
-    if os.isatty(terminal):
-        threading.Thread(target=watch, name="terminal", daemon=True).start()
-
-
-def _leave_terminal() -> None:
-    """Nothing more is written to a terminal that is gone: the screen would wait for it for ever.
-
-    It may wait already: then this process ends nevertheless. What it holds has been stopped by then.
-    """
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for descriptor in range(3):
-        os.dup2(nowhere, descriptor)
-    # The main thread may hang in a write that never returns.
-    last_resort = threading.Timer(LEAVE_S, os._exit, (1,))
-    last_resort.daemon = True
-    last_resort.start()
 
 
 def check(place: Path) -> None:

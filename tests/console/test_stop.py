@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from textual.drivers._writer_thread import MAX_QUEUED_WRITES, WriterThread
 
 from rigctl.campaign.session.questions import Question
 from rigctl.console import messages as say
 from rigctl.console.campaigns import last_line, log_of
-from rigctl.console.start import watch_terminal
 from rigctl.console.store_view import StoreView
+from rigctl.console.terminal import outliving, watch_terminal
 from rigctl.core.making_safe import STOP_SIGNAL, TERMINAL_LOST, Rest, ended_by_signals
 
 WITHIN_S = 0.1
@@ -173,6 +174,28 @@ def test_a_terminal_that_hangs_up_is_told_as_lost_to_who_does_not_lead_its_sessi
         assert told.wait(10.0)
     assert reasons == [TERMINAL_LOST]
     os.close(theirs)
+
+
+def test_a_screen_that_is_drawn_while_its_terminal_is_lost_does_not_wait_for_it() -> None:
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs, "w", encoding="utf-8") as terminal:
+        drawing = WriterThread(outliving(terminal))
+        drawing.start()
+        drawing.write("as long as it is there")
+        assert os.read(ours, 100) == b"as long as it is there"
+        os.close(ours)
+        with pytest.raises(OSError, match="Input/output"):
+            os.write(theirs, b"lost")
+
+        def draw() -> None:
+            for _ in range(2 * MAX_QUEUED_WRITES):  # textual waits for room
+                drawing.write("gone")
+            drawing.stop()
+
+        screen = threading.Thread(target=draw, daemon=True)
+        screen.start()
+        screen.join(10.0)
+        assert not screen.is_alive()
 
 
 def test_a_question_is_new_in_another_store_whatever_its_number(desk: Any, at_console: Any) -> None:
