@@ -136,6 +136,16 @@ def long_flicker(random: np.random.Generator) -> Table:
     return in_time(random, lambda time_s: flickering(random, time_s), 500, 4000)
 
 
+def walk(random: np.random.Generator) -> Table:
+    """White noise and a random walk that takes 8 to 200 readings to go as far."""
+
+    def noise_of(time_s: Floats) -> Floats:
+        step = random.uniform(8.0, 200.0) ** -0.5
+        return random.normal(size=len(time_s)) + np.cumsum(step * random.normal(size=len(time_s)))
+
+    return in_time(random, noise_of, 60, 400)
+
+
 def student3(random: np.random.Generator) -> Table:
     return with_noise(random, lambda rows: random.standard_t(3, rows))
 
@@ -250,6 +260,7 @@ KINDS: Mapping[str, Callable[[np.random.Generator], Table]] = {
     "collinear": collinear,
     "long-relaxation": long_relaxation,
     "long-flicker": long_flicker,
+    "walk": walk,
 }
 
 

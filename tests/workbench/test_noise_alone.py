@@ -18,7 +18,7 @@ from rigctl.workbench.verdict.compare import compared
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.kernels import kernel
 from rigctl.workbench.verdict.noise import Correlation
-from rigctl.workbench.verdict.noise_alone import BATCH, BATCHES, EVERY, Asked, NoiseAlone
+from rigctl.workbench.verdict.noise_alone import DRAWS, EVERY, Asked, NoiseAlone
 from rigctl.workbench.verdict.noise_pool import Whitenings
 from rigctl.workbench.verdict.offsets import from_units, in_units
 from rigctl.workbench.verdict.significance import is_adequate
@@ -102,6 +102,44 @@ def test_beside_a_step_whose_place_has_no_slope_the_likeliest_noise_is_still_tol
     assert alone._likeliest[0] is not alone.whitenings[0]
 
 
+def test_laws_are_as_probable_as_their_restricted_likelihoods() -> None:
+    days = 25
+    flow = 3.0 * relaxing(11, days) + np.random.default_rng(12).normal(size=days)
+    alone = asked_beside(Attempt(study_of(flow), ()), Asked(np.arange(days)[:, None, None] ** 2.0, 0.0))
+    laws, probable = alone._laws
+    apart, ones = np.abs(np.subtract.outer(np.arange(days), np.arange(days))).astype(float), np.ones((days, 1))
+    costs = []
+    for each in [correlation for whitenings in alone.whitenings for correlation in whitenings.correlations]:
+        r = np.eye(days)
+        if each.kernel:
+            r = r + each.ratio * kernel(each.kernel, apart, (1.0, days - 1.0))
+        # Patterson and Thompson's likelihood, of contrasts that see no level: any basis of them does.
+        contrasts = np.linalg.svd(ones)[0][:, 1:]
+        of_contrasts, seen = contrasts.T @ r @ contrasts, contrasts.T @ flow
+        size = seen @ np.linalg.solve(of_contrasts, seen)
+        costs.append((days - 1) * np.log(size) + np.linalg.slogdet(of_contrasts)[1])
+    expected = np.exp(-0.5 * (np.array(costs) - min(costs)))
+    assert len(laws) == len(expected)
+    assert probable == pytest.approx(expected / expected.sum(), rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", [8, 37, 88])
+def test_a_walk_that_looks_tame_is_no_effect(seed: int) -> None:
+    """Draws of the likeliest law alone, and no draws where a p-value was below 1e-12, named something in each."""
+    study = TableStudy(recording("walk", seed))
+    found = diagnose(study, (), account=account_of(study, [()]))
+    assert (found.verdict, found.suggested) == ("adequate", ())
+
+
+def test_what_gains_more_than_slow_noise_ever_does_needs_no_draws() -> None:
+    flow = relaxing(3) + 40.0 * (np.arange(DAYS) >= 40) * np.sin(np.arange(DAYS))
+    alone = asked_beside(
+        Attempt(study_of(flow), ()), Asked(((np.arange(DAYS) >= 40) * np.sin(np.arange(DAYS)))[:, None, None], 0.0)
+    )
+    assert alone.probability(0) == 0.0
+    assert not alone._batches
+
+
 def test_how_often_chance_does_as_much_is_a_probability() -> None:
     by_chance = []
     for seed in range(40):
@@ -117,11 +155,11 @@ def test_beyond_the_draws_gains_fall_off_exponentially(monkeypatch: pytest.Monke
     attempt = Attempt(study_of(relaxing(1, 20)), ())
     alone = asked_beside(attempt, Asked(np.arange(20.0)[:, None, None] ** 2, 0.0))
     rng = np.random.default_rng(2)
-    monkeypatch.setattr(alone, "gains", lambda drawn, precision: rng.exponential(2.0, (1, BATCH)))
+    monkeypatch.setattr(alone, "gains", lambda drawn, precision: rng.exponential(2.0, (1, drawn.shape[1])))
     for gained in (5.0, 12.0):
         alone.gained = np.array([gained])
         # A tenth of the draws tell the slope, and how far out it begins.
-        error = 3.0 * (gained / 2.0 - np.log(10.0)) / np.sqrt(0.1 * BATCH * BATCHES) + 3.0 * 0.14
+        error = 3.0 * (gained / 2.0 - np.log(10.0)) / np.sqrt(0.1 * sum(DRAWS)) + 3.0 * 0.14
         assert np.log(alone.probability(0)) == pytest.approx(-gained / 2.0, abs=error)
 
 

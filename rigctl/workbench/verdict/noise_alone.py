@@ -3,7 +3,8 @@
 Noise that goes slowly along the order of the data and an effect that goes slowly pass for each other. Where the noise
 is estimated, what may be hidden is projected out first, and the slow part of the noise with it: what is left looks
 white, and beside so little noise the slow part is significant. So effects are compared with the noise that is
-likeliest beside each, and draws of the likeliest noise alone tell how much the best of them all gains by chance.
+likeliest beside each, and draws of noise alone, of every law as often as the data leave it probable, tell how much
+the best of them all gains by chance.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from rigctl.workbench.verdict.offsets import from_units, in_units
 from rigctl.workbench.verdict.scan import inverse_root
 from rigctl.workbench.verdict.score import ABSORBED, UNDETERMINED
 
-BATCHES, BATCH = 5, 100
-"""Draws: all of them where the first ones do not decide."""
+DRAWS = (100, 400)
+"""So many, and so many more where the first ones do not decide: most of the work is the same for all of a batch."""
 
 EVERY = 2
 """Of the strengths of a correlation each second is taken: a factor of ten apart they tell likelihoods well enough."""
@@ -43,12 +44,15 @@ _ENOUGH = 12
 _TAIL = 0.1
 """Of the draws: beyond, gains are taken to fall off exponentially, as those of likelihoods do."""
 
-_SURE = 1e-4
-"""Of what the first draws find as rare as that, more of them would say the same."""
+DOUBTFUL = 0.05
+"""Corrected p-values below are held to what correlated noise alone shows, however small: a walk that is taken for
+white shows steps at 1e-13 in four hundred readings."""
 
-DOUBTFUL = (1e-12, 0.05)
-"""Corrected p-values that are held to what correlated noise alone shows: of 100 tables of flicker noise that were
-looked at as a whole, the smallest that was taken for white came to 1e-8, and draws cost seconds."""
+_BEYOND = 50.0
+"""Of -2 log L for each column, more than correlated noise comes to: in one draw of a hundred the best of all effects
+gains 10 to 15."""
+
+_LEAST = float(np.finfo(np.float64).tiny)
 
 # Of a square sum: what is left beside columns that go through all data.
 _NOTHING = 1e-6
@@ -89,6 +93,7 @@ class NoiseAlone:
         self._fitted = orthonormal(pool.seen(given, fitted.model.jacobian(fitted.result.values)), UNDETERMINED)
         self._left = pool.seen(given, fitted.unexplained())
         self._price = np.array([each.price for each in asked])
+        self._beyond = np.array([_BEYOND * each.columns.shape[2] for each in asked])
         self._groups: list[_Group] = []
         for width in sorted({each.columns.shape[2] for each in asked}):
             alike = [(place, each.columns) for place, each in enumerate(asked) if each.columns.shape[2] == width]
@@ -101,7 +106,7 @@ class NoiseAlone:
             first = np.concatenate([[0], np.cumsum(choices)[:-1]]).astype(np.intp)
             self._groups.append(_Group(places, columns, first))
         self._rng = np.random.default_rng([seed, 7])
-        self._by_chance = np.zeros(0)
+        self._batches: list[FloatArray] = []
 
     @cached_property
     def gained(self) -> FloatArray:
@@ -111,16 +116,17 @@ class NoiseAlone:
     def probability(self, effect: int) -> float:
         """That the best of all effects gains as much as this one where correlated noise is all there is."""
         gained = float(self.gained[effect])
-        while True:
+        if gained > self._beyond[effect]:
+            return 0.0
+        as_good, p_value = self._found(gained)
+        while as_good < _ENOUGH and len(self._batches) < len(DRAWS):
+            self._batches.append(self._gained_by_chance(DRAWS[len(self._batches)]))
             as_good, p_value = self._found(gained)
-            drawn = len(self._by_chance)
-            if as_good >= _ENOUGH or drawn >= BATCHES * BATCH or (drawn and p_value < _SURE):
-                return p_value
-            self._by_chance = np.concatenate([self._by_chance, self._gained_by_chance()])
+        return p_value
 
     def _found(self, gained: float) -> tuple[int, float]:
         """How many of the draws so far gain as much, and the probability of it."""
-        drawn = self._by_chance
+        drawn = np.concatenate([np.zeros(0), *self._batches])
         as_good = int(np.sum(drawn >= gained))
         beyond = np.sort(drawn)[len(drawn) - int(_TAIL * len(drawn)) :]
         if not len(beyond) or as_good >= len(beyond):
@@ -166,29 +172,46 @@ class NoiseAlone:
             return np.full(len(size), np.inf)
         return np.asarray(noise * np.sqrt(np.sum(root[0] ** 2, axis=1)) / size)
 
-    def _gained_by_chance(self) -> FloatArray:
-        """By the best of all effects, in draws of correlated noise like that of the data, (BATCH,)."""
-        whitenings, scale = self._likeliest
-        # But for its size, on which no gain depends.
-        drawn = whitenings.coloured(self._rng.standard_normal((len(scale), BATCH)), scale)
+    def _gained_by_chance(self, count: int) -> FloatArray:
+        """By the best of all effects, in draws of correlated noise as the data leave it possible, (count,)."""
+        laws, weights = self._laws
+        drawn = [
+            # But for its size, on which no gain depends.
+            whitenings.coloured(self._rng.standard_normal((len(scale), times)), scale)
+            for (whitenings, scale), times in zip(laws, self._rng.multinomial(count, weights), strict=True)
+            if times
+        ]
         # In single precision: a gain is compared with that in the data, to which none is as near.
-        return np.asarray(self.gains(drawn, np.float32).max(axis=0))
+        return np.asarray(self.gains(np.hstack(drawn), np.float32).max(axis=0))
+
+    @property
+    def _likeliest(self) -> tuple[Whitenings, FloatArray]:
+        """The likeliest correlation where nothing is hidden, and what makes it white."""
+        laws, weights = self._laws
+        return laws[int(np.argmax(weights))]
 
     @cached_property
-    def _likeliest(self) -> tuple[Whitenings, FloatArray]:
-        """The likeliest correlation where nothing is hidden, by restricted likelihood, and what makes it white."""
-        best, chosen = np.inf, None
+    def _laws(self) -> tuple[list[tuple[Whitenings, FloatArray]], FloatArray]:
+        """Every correlation, with what makes it white, and how probable each is where nothing is hidden.
+
+        By restricted likelihood: data tell little of how slow noise is, and draws of the likeliest law alone are
+        tamer than a walk.
+        """
+        laws, costs = [], list[float]()
         for whitenings in self.whitenings:
             for scale, determinant in whitenings.strengths():
                 fitted, root = np.linalg.qr(whitenings.turned(self._fitted) * scale[:, None])
                 left = whitenings.turned(self._left) * scale
                 left = left - fitted @ (fitted.T @ left)
                 free = len(left) - fitted.shape[1]
-                cost = free * np.log(left @ left) + determinant + 2.0 * np.sum(np.log(np.abs(np.diag(root))))
-                if cost < best:
-                    best, chosen = float(cost), (whitenings, scale)
-        assert chosen is not None
-        return chosen
+                laws.append((whitenings, scale))
+                costs.append(
+                    free * np.log(max(float(left @ left), _LEAST))
+                    + determinant
+                    + 2.0 * np.sum(np.log(np.abs(np.diag(root))))
+                )
+        weights = np.exp(-0.5 * (np.array(costs) - min(costs)))
+        return laws, weights / weights.sum()
 
 
 class ChanceOfNoise:
@@ -203,11 +226,10 @@ class ChanceOfNoise:
 
     def in_doubt(self, p_value: float) -> bool:
         """Whether a corrected p-value is to be held to what correlated noise alone shows."""
-        # The more data there are, the smaller are p-values of slow noise that is taken for white.
-        return p_value < DOUBTFUL[1] and (p_value > DOUBTFUL[0] or not self._pool.sees_all)
+        return p_value < DOUBTFUL
 
     def of_effect(self, candidate: Candidate) -> float:
-        """That the best of all effects does as well as a candidate's by chance."""
+        """That the best of all effects does as well as a candidate's by chance; 0 for what slow noise never does."""
         if not self._is_shown(candidate.derivative):
             return 0.0
         alone, places = self._effects
@@ -233,6 +255,9 @@ class ChanceOfNoise:
         if not self._is_shown(from_units(self._given, self._pool.where, along[:, None])):
             return 0.0
         return CORRELATED * self._alone([self._asked(from_units(self._given, self._pool.where, left))]).probability(0)
+
+    def _price(self, candidate: Candidate) -> float:
+        return 2.0 * self._price_of(candidate, len(candidate.names))
 
     def _is_shown(self, columns: FloatArray) -> bool:
         """Whether blocks of neighbours, where the noise is looked for in these, show most of what columns (n, d) are
@@ -274,7 +299,7 @@ class ChanceOfNoise:
                 ]
                 columns = np.concatenate([self._pool.seen(self._given, part) for part in parts], axis=1)
                 places.setdefault(effect, []).append(len(asked))
-                asked.append(Asked(columns, 2.0 * self._price_of(group[0], columns.shape[2])))
+                asked.append(Asked(columns, self._price(group[0])))
         return self._alone(asked), places
 
     def _asked(self, columns: FloatArray) -> Asked:

@@ -27,14 +27,18 @@ def p_of_scored(attempt: Attempt, scored: Scored) -> float:
     if attempt.corrected(p_value, effect) >= CONFIRM_FROM:
         return p_value
     p_value = max(p_value, _permuted_p_of_scored(attempt, scored), _rotated_p_of_scored(attempt, scored))
+    chance = attempt.chance_of_noise
+    if chance is not None and chance.in_doubt(attempt.corrected(p_value, effect)):
+        by_noise = chance.of_effect(scored.candidate)
+        p_value = max(p_value, single(by_noise, attempt.trials_of(effect)))
+        # How the noise was estimated matters neither to what is beyond slow noise nor to what is as it does.
+        if not by_noise or attempt.corrected(p_value, effect) >= CONFIRM_FROM:
+            return p_value
     if attempt.to_be_drawn(score.basis):
         law = attempt.bootstrap.law(effect)
         # The larger: that the noise is estimated can only make an effect less sure.
         p_value = max(p_value, law.p_value(score.statistic, score.dimension))
-    chance = attempt.chance_of_noise
-    if chance is None or not chance.in_doubt(attempt.corrected(p_value, effect)):
-        return p_value
-    return max(p_value, single(chance.of_effect(scored.candidate), attempt.trials_of(effect)))
+    return p_value
 
 
 def is_significant(attempt: Attempt, scored: Scored, alpha: float) -> bool:
@@ -56,11 +60,14 @@ def p_of_shape(attempt: Attempt) -> float:
     p_value = shape.p_value_corrected
     if p_value < CONFIRM_FROM:
         p_value = max(p_value, _permuted_p_of_shape(attempt, shape))
+    if (chance := attempt.chance_of_noise) is not None and chance.in_doubt(p_value):
+        by_noise = chance.of_shape(shape.columns)
+        p_value = max(p_value, by_noise)
+        if not by_noise:
+            return p_value
     if p_value < CONFIRM_FROM and attempt.to_be_drawn(shape.columns):
         law = attempt.bootstrap.shapes
         p_value = max(p_value, corrected(law.p_value(shape.statistic, shape.dimension), shape.n_eff))
-    if (chance := attempt.chance_of_noise) is not None and chance.in_doubt(p_value):
-        p_value = max(p_value, chance.of_shape(shape.columns))
     return p_value
 
 
