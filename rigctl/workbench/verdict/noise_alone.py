@@ -10,7 +10,7 @@ the best of them all gains by chance.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -138,23 +138,36 @@ class NoiseAlone:
         """The same in other residuals (n, draws) in units of the given sigma; (effects, draws)."""
         alone = np.full(residuals.shape[1], np.inf)
         beside = np.full((len(self._price), residuals.shape[1]), np.inf)
-        for whitenings in self.whitenings:
-            fitted, left = whitenings.turned(self._fitted), whitenings.turned(residuals).astype(precision)
-            turned = [whitenings.turned(each.columns).astype(precision) for each in self._groups]
-            for scale, determinant in itertools.islice(whitenings.strengths(), 0, None, EVERY):
-                basis = np.linalg.qr(fitted * scale[:, None])[0].astype(precision)
-                factor = scale.astype(precision)
-                free = left * factor[:, None]
-                free = free - basis @ (basis.T @ free)
-                rss = np.sum(free**2, axis=0)
-                alone = np.minimum(alone, len(free) * np.log(rss) + determinant)
-                for group, columns in zip(self._groups, turned, strict=True):
-                    taken = _taken(columns * factor[:, None, None], basis, free)
+        narrow = [each.columns.reshape(len(residuals), -1).T.astype(precision) for each in self._groups]
+        for whitenings, laws in itertools.groupby(self._tried, lambda law: law.whitenings):
+            turned = whitenings.turned(residuals.astype(precision))
+            for law in laws:
+                scale, basis = law.scale.astype(precision)[:, None], law.basis.astype(precision)
+                left = turned * scale
+                left = left - basis @ (basis.T @ left)
+                rss = np.sum(left**2, axis=0)
+                alone = np.minimum(alone, len(left) * np.log(rss) + law.determinant)
+                weighted = whitenings.turned_back(left * scale)
+                for group, columns, root in zip(self._groups, narrow, law.roots, strict=True):
+                    taken = _taken((columns @ weighted).reshape(*root.shape[:2], -1), root.astype(precision))
                     # Of the choices of an effect the one that takes most: they have one price.
                     rest = np.maximum(rss - np.maximum.reduceat(taken, group.first, axis=0), _NOTHING * rss)
-                    cost = len(free) * np.log(rest) + determinant
+                    cost = len(left) * np.log(rest) + law.determinant
                     beside[group.effects] = np.minimum(beside[group.effects], cost)
         return np.asarray(alone - beside - self._price[:, None], dtype=np.float64)
+
+    @cached_property
+    def _tried(self) -> list[_Law]:
+        """The correlations that effects are compared in."""
+        tried = []
+        for whitenings in self.whitenings:
+            fitted = whitenings.turned(self._fitted)
+            turned = [_Turned.of(whitenings.turned(each.columns)) for each in self._groups]
+            for scale, determinant in itertools.islice(whitenings.strengths(), 0, None, EVERY):
+                basis = np.linalg.qr(fitted * scale[:, None])[0]
+                roots = tuple(each.root(scale, basis) for each in turned)
+                tried.append(_Law(whitenings, scale, determinant, basis, roots))
+        return tried
 
     def sigma(self, columns: FloatArray) -> FloatArray:
         """Standard uncertainties (d,) of what columns (seen, d) are multiplied by, in the
@@ -320,24 +333,50 @@ class _Group:
     first: IntArray
 
 
-def _taken(
-    columns: NDArray[np.floating], fitted: NDArray[np.floating], left: NDArray[np.floating]
-) -> NDArray[np.floating]:
-    """By how much columns (n, k, d) beside what is fitted lower the square sums of what is left (n, draws).
+@dataclass(frozen=True)
+class _Law:
+    """A correlation: what makes turned data white, the logarithm of its determinant, an orthonormal `basis` (seen, m)
+    of what is fitted in white data, and of each group what makes columns beside it orthonormal, (choices, d, d)."""
 
-    Shape (k, draws).
-    """
-    data, count, width = columns.shape
-    flat = columns.reshape(data, -1)
-    size = np.linalg.norm(flat, axis=0)
-    flat = flat - fitted @ (fitted.T @ flat)
-    free = np.linalg.norm(flat, axis=0)
-    seen = free > ABSORBED * size
-    flat = flat * np.where(seen, 1.0 / np.where(seen, free, 1.0), 0.0).astype(columns.dtype)
-    along = (flat.T @ left).reshape(count, width, -1)
-    if width == 1:
-        return np.asarray(along[:, 0] ** 2)
-    stack = flat.reshape(data, count, width)
-    gram = np.einsum("nki,nkj->kij", stack, stack, optimize=True).astype(np.float64)
-    root = inverse_root(gram, seen.reshape(count, width))[0].astype(columns.dtype)
+    whitenings: Whitenings
+    scale: FloatArray
+    determinant: float
+    basis: FloatArray
+    roots: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True)
+class _Turned:
+    """Columns (seen, choices, d) and the products of each two of a choice, (choices, seen) for each i <= j."""
+
+    columns: FloatArray
+    products: Mapping[tuple[int, int], FloatArray]
+
+    @classmethod
+    def of(cls, columns: FloatArray) -> _Turned:
+        """With their products."""
+        pairs = itertools.combinations_with_replacement(range(columns.shape[2]), 2)
+        return cls(columns, {(i, j): (columns[:, :, i] * columns[:, :, j]).T for i, j in pairs})
+
+    def root(self, scale: FloatArray, fitted: FloatArray) -> FloatArray:
+        """What makes columns that `scale` (seen,) whitens orthonormal beside what is `fitted`, (choices, d, d)."""
+        _, count, width = self.columns.shape
+        gram = np.empty((count, width, width))
+        for (i, j), product in self.products.items():
+            gram[:, i, j] = gram[:, j, i] = product @ scale**2
+        size = np.einsum("kii->ki", gram).copy()
+        along = np.tensordot(fitted * scale[:, None], self.columns, axes=(0, 0))
+        gram -= np.einsum("mki,mkj->kij", along, along, optimize=True)
+        free = np.einsum("kii->ki", gram)
+        seen = free > ABSORBED**2 * size
+        unit = np.where(seen, 1.0 / np.sqrt(np.where(seen, free, 1.0)), 0.0)
+        if width == 1:
+            return unit[:, :, None]
+        return unit[:, :, None] * inverse_root(gram * unit[:, :, None] * unit[:, None, :], seen)[0]
+
+
+def _taken(along: NDArray[np.floating], root: NDArray[np.floating]) -> NDArray[np.floating]:
+    """By how much columns lower the square sums of what is left, (k, draws), whose products with it are `along`."""
+    if along.shape[1] == 1:
+        return np.asarray((along[:, 0] * root[:, 0]) ** 2)
     return np.asarray(np.sum((root.transpose(0, 2, 1) @ along) ** 2, axis=1))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.analysis.correlated_groups import CorrelatedGroups, Factor, log_determinant
 from rigctl.core.arrays import FloatArray, IntArray
@@ -39,6 +41,8 @@ _FLOOR_DOF = 1.0
 # Of the largest reading, where none has a resolution: what a fit in double precision leaves of an exact curve.
 _ROUNDING = 1e-14
 WHITE = Correlation("", 0.0)
+
+F = TypeVar("F", bound=np.floating)
 
 
 class Pool:
@@ -255,9 +259,15 @@ class Whitenings:
         self._inverse = np.linalg.inv(grams)
         self.penalty = np.linalg.slogdet(grams)[1] - np.sum(np.log(self._precision), axis=1)
 
-    def turned(self, columns: FloatArray) -> FloatArray:
-        """U' columns, shape (n, ...)."""
-        return columns if self._vectors is None else np.tensordot(self._vectors, columns, axes=(0, 0))
+    def turned(self, columns: NDArray[F]) -> NDArray[F]:
+        """U' columns, shape (n, ...), as precise as these."""
+        if self._vectors is None:
+            return columns
+        return np.tensordot(self._vectors.astype(columns.dtype), columns, axes=(0, 0))
+
+    def turned_back(self, columns: NDArray[F]) -> NDArray[F]:
+        """U columns, shape (n, k), as precise as these."""
+        return columns if self._vectors is None else self._vectors.astype(columns.dtype) @ columns
 
     def coloured(self, white: FloatArray, scale: FloatArray) -> FloatArray:
         """Noise of which `scale` (n,) makes turned data white, from white noise (n, draws).
