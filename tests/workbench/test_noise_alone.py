@@ -140,6 +140,15 @@ def test_what_gains_more_than_slow_noise_ever_does_needs_no_draws() -> None:
     assert not alone._batches
 
 
+@pytest.mark.parametrize("step", [0.0, 50.0])
+def test_exact_curves_are_judged_without_a_logarithm_of_nothing(step: float) -> None:
+    """What a fit leaves of them is rounding: its squares were none in single precision. Warnings are errors here."""
+    x = np.random.default_rng(2).uniform(0.0, 10.0, 40)
+    study = study_of(1.0 + 0.3 * x + step * (np.arange(40) >= 20), x=x)
+    found = diagnose(study, (Term("linear[x]"),), account=account_of(study, [(Term("linear[x]"),)]))
+    assert [term.effect for term in found.suggested] == (["step[day]"] if step else [])
+
+
 def test_how_often_chance_does_as_much_is_a_probability() -> None:
     by_chance = []
     for seed in range(40):

@@ -145,20 +145,19 @@ def _law(drawn: FloatArray, dimension: int, dof: float) -> Law:
     mean = drawn[drawn > 0.0] / dimension
     if len(mean) < _FEW:
         return Law(1.0, dof)
-    best, law = -np.inf, Law(1.0, dof)
     # A search on a grid: the likelihood is flat in both directions where draws are few.
-    for nu in (dof, *(each for each in DEGREES if each < dof)):
-        for scale in SCALES:
-            likelihood = _log_f(mean / scale, dimension, min(nu, 1e6)) - len(mean) * float(np.log(scale))
-            if likelihood > best:
-                best, law = likelihood, Law(float(scale), nu)
-    return law
+    degrees = (dof, *(each for each in DEGREES if each < dof))
+    scaled = mean / SCALES[:, None]
+    likelihood = np.array([_log_f(scaled, dimension, min(nu, 1e6)) for nu in degrees]) - len(mean) * np.log(SCALES)
+    nu, scale = np.unravel_index(np.argmax(likelihood), likelihood.shape)
+    return Law(float(SCALES[scale]), degrees[nu])
 
 
-def _log_f(x: FloatArray, d: int, nu: float) -> float:
-    """Log likelihood of the F distribution, but for what depends on d alone."""
+def _log_f(x: FloatArray, d: int, nu: float) -> FloatArray:
+    """Log likelihoods (...) of the F distribution for numbers (..., n), but for what depends on d alone."""
     constant = 0.5 * d * np.log(1.0 / nu) - special.betaln(0.5 * d, 0.5 * nu)
-    return float(len(x) * constant + np.sum((0.5 * d - 1.0) * np.log(x) - 0.5 * (d + nu) * np.log1p(d * x / nu)))
+    each = (0.5 * d - 1.0) * np.log(x) - 0.5 * (d + nu) * np.log1p(d * x / nu)
+    return np.asarray(x.shape[-1] * constant + np.sum(each, axis=-1))
 
 
 def _statistics(

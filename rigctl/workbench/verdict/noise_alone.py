@@ -139,19 +139,24 @@ class NoiseAlone:
         alone = np.full(residuals.shape[1], np.inf)
         beside = np.full((len(self._price), residuals.shape[1]), np.inf)
         narrow = [each.columns.reshape(len(residuals), -1).T.astype(precision) for each in self._groups]
+        # Nor does any gain depend on theirs: squares of what a fit leaves of an exact curve would be none.
+        residuals = residuals / np.maximum(np.linalg.norm(residuals, axis=0), _LEAST)
         for whitenings, laws in itertools.groupby(self._tried, lambda law: law.whitenings):
             turned = whitenings.turned(residuals.astype(precision))
             for law in laws:
                 scale, basis = law.scale.astype(precision)[:, None], law.basis.astype(precision)
                 left = turned * scale
                 left = left - basis @ (basis.T @ left)
-                rss = np.sum(left**2, axis=0)
+                rss = np.maximum(np.sum(left**2, axis=0), np.finfo(precision).tiny)
                 alone = np.minimum(alone, len(left) * np.log(rss) + law.determinant)
                 weighted = whitenings.turned_back(left * scale)
                 for group, columns, root in zip(self._groups, narrow, law.roots, strict=True):
                     taken = _taken((columns @ weighted).reshape(*root.shape[:2], -1), root.astype(precision))
                     # Of the choices of an effect the one that takes most: they have one price.
-                    rest = np.maximum(rss - np.maximum.reduceat(taken, group.first, axis=0), _NOTHING * rss)
+                    rest = np.maximum(
+                        rss - np.maximum.reduceat(taken, group.first, axis=0),
+                        np.maximum(_NOTHING * rss, np.finfo(precision).tiny),
+                    )
                     cost = len(left) * np.log(rest) + law.determinant
                     beside[group.effects] = np.minimum(beside[group.effects], cost)
         return np.asarray(alone - beside - self._price[:, None], dtype=np.float64)
