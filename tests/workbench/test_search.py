@@ -10,8 +10,9 @@ import pytest
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.workbench.study import Line, Term
+from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
-from rigctl.workbench.verdict.fitted_model import held_out_ratio
+from rigctl.workbench.verdict.fitted_model import FittedModel, held_out_ratio, stated_noise
 from rigctl.workbench.verdict.rivals import rivals_of
 from rigctl.workbench.verdict.score import contained, likeness
 from rigctl.workbench.verdict.search import Search
@@ -23,6 +24,7 @@ from rigctl.workbench.verdict.significance import (
     p_of_scored,
 )
 from rigctl.workbench.verdict.simplest import NEAR_TIE
+from tests.workbench.test_long_table import table
 
 
 def searched(study: Any, terms: tuple[Term, ...] = (), alpha: float = 0.01, seed: int = 0) -> Search:
@@ -338,3 +340,26 @@ def test_a_search_keeps_the_derivatives_of_the_last_models_alone(
     data = len(attempts[0].result.residuals)
     assert [len(each.result.jacobian) for each in attempts] == [0, 0, data, data, data]
     assert all(each.scored and len(each.jacobian) == data for each in attempts)
+
+
+def test_a_model_with_a_term_more_is_fitted_anew_where_it_explains_less() -> None:
+    """Two lines that began at one place stayed one: of four effects of a series (quarterly gas) one was left."""
+    rng, t_s = np.random.default_rng(4), np.arange(120.0)
+    columns = {"t_s": t_s, "z": rng.normal(size=120)}
+    y = 2.0 * np.sin(2.0 * np.pi * t_s / 7.0) + 0.5 * columns["z"] + 0.1 * rng.standard_normal(120)
+    study = table(y, "b0", **columns)
+    line, linear = Term("periodic[t_s]", {"period": 7.0, "origin": 0.0}), Term("linear[z]")
+    search = Search(study, (), 0.01, 0, lambda _: None)
+    smaller = search.attempt([line])
+    assert search._no_worse(smaller) is smaller
+    model = study.model([line, linear])
+    astray = FittedModel.where_it_ended(
+        model, stated_noise(model), frozenset(), {**smaller.values, "periodic[t_s].period": 9.3}
+    )
+    stuck = Attempt(study, [line, linear], fitted=astray)
+    assert np.std(stuck.unexplained()) > 2.0 * np.std(smaller.unexplained())
+    found = search._no_worse(stuck)
+    assert np.std(found.unexplained()) == pytest.approx(
+        np.std(search.attempt([line, linear]).unexplained()), rel=1e-3
+    )
+    assert found.values["periodic[t_s].period"] == pytest.approx(7.0, abs=0.01)

@@ -393,6 +393,14 @@ def refitted_values(model: Model, noise: Noise, held: frozenset[str], start: Map
     return values
 
 
+def fit_that_explains_no_less(
+    model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]
+) -> FittedModel:
+    """A fit from exactly `start`, which explains no less than that does; `ProcedureError` where it is singular."""
+    ended = refitted_values(model, noise, held, start)
+    return FittedModel(model, noise, held, _fit(model, noise, held, ended, fitted=True))
+
+
 def held_out_ratio(after: FittedModel, before: FittedModel) -> float:
     """Held-out error after over before, in the series that changed, with one noise for both; NaN if unknown."""
     data = len(after.result.residuals)

@@ -20,7 +20,12 @@ from rigctl.workbench.verdict.beside_shapes import (
 )
 from rigctl.workbench.verdict.choices import joined
 from rigctl.workbench.verdict.first_order import FAR_MOST, found_at_most, least_comparable
-from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise, held_out_ratio
+from rigctl.workbench.verdict.fitted_model import (
+    FittedModel,
+    fit_that_explains_no_less,
+    fit_with_given_noise,
+    held_out_ratio,
+)
 from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.impossible import impossible_parameters
 from rigctl.workbench.verdict.known_noise import KnownNoise
@@ -42,6 +47,9 @@ from rigctl.workbench.verdict.unrecorded import imitations
 MOST_TERMS = 8
 REFITTED = 4
 """So many of the best are fitted in full before one is chosen: T is first order."""
+
+_NO_WORSE = 1.0
+"""Of chi-square: so much more a fit may leave than one with fewer terms, whose noise was another."""
 
 _NUMBERS_KEPT, _LEAST_KEPT = 3_000_000, 3
 """Data of models that are kept, and the least number of models."""
@@ -105,8 +113,31 @@ class Search:
             self._forget()
         else:
             start, fitted = self._start(terms), self._cheapest.pop(key, None)
-            self.adopt(Attempt(self.study, terms, self.seed, self._shared, start, self._known, fitted=fitted))
+            made = Attempt(self.study, terms, self.seed, self._shared, start, self._known, fitted=fitted)
+            self.adopt(self._no_worse(made))
         return self._attempts[key]
+
+    def _no_worse(self, made: Attempt) -> Attempt:
+        """The model, fitted anew from where one with a term less explains more than it does.
+
+        Two lines that begin at one place are one line, and a fit finds no way out of there.
+        """
+        names = {term.key for term in made.terms}
+        smaller = [each for each in self._attempts.values() if len({term.key for term in each.terms} ^ names) == 1]
+        left = {each: each.chi2_with(made.noise) for each in smaller if len(each.terms) < len(made.terms)}
+        best = min(left, key=lambda each: left[each], default=None)
+        if best is None or made.chi2_with(made.noise) <= left[best] + _NO_WORSE:
+            return made
+        start = {
+            each.name: best.values.get(each.name, each.start if each.name in made.scanned else 0.0)
+            for each in made.model.parameters
+        }
+        try:
+            fitted = fit_that_explains_no_less(made.model, made.noise, best.held, start)
+            again = Attempt(self.study, made.terms, self.seed, self._shared, None, self._known, fitted=fitted)
+        except UNFIT:
+            return made
+        return min(made, again, key=lambda each: each.chi2_with(made.noise))
 
     def adopt(self, attempt: Attempt) -> None:
         """Keep a fitted model, and start others from it."""
