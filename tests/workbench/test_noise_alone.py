@@ -70,12 +70,15 @@ def test_what_an_effect_gains_is_the_difference_of_two_likelihoods_at_its_best_c
     attempt = Attempt(study_of(flow), ())
     steps = np.stack([1.0 * (np.arange(30) >= place) for place in (4, 12, 20)], axis=1)[:, :, None]
     waves = np.stack([np.cos(np.arange(30) / 3.0), np.sin(np.arange(30) / 3.0)], axis=1)[:, None]
-    alone = asked_beside(attempt, Asked(waves, 7.0), Asked(steps, 5.0))
+    powers = np.stack([(np.arange(30) / 30.0) ** power for power in (1, 2, 3)], axis=1)[:, None]
+    alone = asked_beside(attempt, Asked(waves, 7.0), Asked(steps, 5.0), Asked(powers, 0.0))
     constant = np.ones((30, 1))
     without = least_minus_2_log_l(flow, constant, alone)
     beside = [least_minus_2_log_l(flow, np.hstack([constant, steps[:, place]]), alone) for place in range(3)]
     wave = least_minus_2_log_l(flow, np.hstack([constant, waves[:, 0]]), alone)
-    assert alone.gained == pytest.approx([without - wave - 7.0, without - min(beside) - 5.0], abs=1e-6)
+    cubic = least_minus_2_log_l(flow, np.hstack([constant, powers[:, 0]]), alone)
+    expected = [without - wave - 7.0, without - min(beside) - 5.0, without - cubic]
+    assert alone.gained == pytest.approx(expected, abs=1e-6)
     # Draws are in single precision, which costs their gains less than any of them differ by.
     single = alone.gains(attempt.unexplained()[:, None], np.float32)[:, 0]
     assert single == pytest.approx(alone.gained, abs=0.01)

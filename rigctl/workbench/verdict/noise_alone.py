@@ -63,6 +63,9 @@ _SHOWN = 0.75
 # Of the derivatives of a scan, made at once.
 _NUMBERS = 1 << 22
 
+# Amplitude and phase: scans have no more.
+_FEW_COLUMNS = 2
+
 # Of a unit vector beside what is fitted: the basis was made where a first fit ended, which differs a little.
 _BESIDE = 1e-2
 
@@ -352,15 +355,16 @@ class _Law:
 
 @dataclass(frozen=True)
 class _Turned:
-    """Columns (seen, choices, d) and the products of each two of a choice, (choices, seen) for each i <= j."""
+    """Columns (seen, choices, d) and, where these are few, products of each two of a choice, (choices, seen)."""
 
     columns: FloatArray
     products: Mapping[tuple[int, int], FloatArray]
 
     @classmethod
     def of(cls, columns: FloatArray) -> _Turned:
-        """With their products."""
-        pairs = itertools.combinations_with_replacement(range(columns.shape[2]), 2)
+        """With their products, which many choices share between laws; wide ones are few choices."""
+        few = columns.shape[2] if columns.shape[2] <= _FEW_COLUMNS else 0
+        pairs = itertools.combinations_with_replacement(range(few), 2)
         return cls(columns, {(i, j): (columns[:, :, i] * columns[:, :, j]).T for i, j in pairs})
 
     def root(self, scale: FloatArray, fitted: FloatArray) -> FloatArray:
@@ -369,6 +373,9 @@ class _Turned:
         gram = np.empty((count, width, width))
         for (i, j), product in self.products.items():
             gram[:, i, j] = gram[:, j, i] = product @ scale**2
+        if not self.products:
+            white = self.columns * scale[:, None, None]
+            gram = white.transpose(1, 2, 0) @ white.transpose(1, 0, 2)
         size = np.einsum("kii->ki", gram).copy()
         along = np.tensordot(fitted * scale[:, None], self.columns, axes=(0, 0))
         gram -= np.einsum("mki,mkj->kij", along, along, optimize=True)
