@@ -143,6 +143,24 @@ def test_what_gains_more_than_slow_noise_ever_does_needs_no_draws() -> None:
     assert not alone._batches
 
 
+def test_of_few_degrees_of_freedom_draws_are_made_where_many_would_need_none() -> None:
+    """Of eight readings with five coefficients what is left beside one column more is next to nothing by chance."""
+    rng = np.random.default_rng(1)
+    conditions = {name: rng.normal(size=8) for name in "pqrs"}
+    spec = {"response": "flow", "baseline": "b0 + b1 * p + b2 * q + b3 * r + b4 * s", "start": {}, "order": "day"}
+    given = {"flow": rng.normal(size=8), "day": np.arange(8.0), **conditions}
+    run = RunRecord(READINGS, READINGS, "import", {})
+    report = ImportReport(1)
+    attempt = Attempt(
+        TableStudy(Recording(Header("table", extra={"table": spec}), (run,), {READINGS: given}, report)), ()
+    )
+    left = attempt.unexplained()
+    column = left + 0.02 * np.linalg.norm(left) * rng.normal(size=8)
+    alone = asked_beside(attempt, Asked(column[:, None, None], 0.0))
+    assert alone.gained[0] > 50.0
+    assert alone.probability(0) > 0.0
+
+
 @pytest.mark.parametrize("step", [0.0, 50.0])
 def test_exact_curves_are_judged_without_a_logarithm_of_nothing(step: float) -> None:
     """What a fit leaves of them is rounding: its squares were none in single precision. Warnings are errors here."""

@@ -96,7 +96,10 @@ class NoiseAlone:
         self._fitted = orthonormal(pool.seen(given, fitted.model.jacobian(fitted.result.values)), UNDETERMINED)
         self._left = pool.seen(given, fitted.unexplained())
         self._price = np.array([each.price for each in asked])
-        self._beyond = np.array([_BEYOND * each.columns.shape[2] for each in asked])
+        # Gains fall off by the degrees that are left: of few data even noise leaves next to nothing beside an effect.
+        data, taken = self._fitted.shape
+        widths = np.array([each.columns.shape[2] for each in asked])
+        self._beyond = _BEYOND * widths * data / np.maximum(data - taken - widths, 1)
         self._groups: list[_Group] = []
         for width in sorted({each.columns.shape[2] for each in asked}):
             alike = [(place, each.columns) for place, each in enumerate(asked) if each.columns.shape[2] == width]
