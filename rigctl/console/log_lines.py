@@ -71,6 +71,10 @@ def _shown(value: Any) -> str:
         return f"{value:.9g}"
     if isinstance(value, str):
         return value
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
+    if isinstance(value, dict):
+        return f"{{{_data_text(value)}}}"
     import json  # none is shown before the first paint
 
     return json.dumps(value)
