@@ -271,7 +271,11 @@ def test_what_cannot_be_is_told_in_a_line_before_anything_is_connected(desk: Any
     desk.rig(("[instruments.lasers_b]", "[instruments.LASERS_A]"))
     desk.rigctl("check", "rig.toml", "--wire-log", "logs").refused(2, "'lasers_a' and 'LASERS_A' would share")
     assert wire.sent == []
-    desk.rigctl("wire", "rig.toml").refused(2, "rig.toml: line 1", "name a file that rigctl wrote as a wire log")
+    (desk.directory / "bytes").write_bytes(b"SQLite format 3\x00\x90")
+    for name in ("rig.toml", "bytes"):
+        desk.rigctl("wire", name).refused(
+            2, f"{name}: line 1: no wire log; name a file that rigctl wrote as a wire log"
+        )
 
 
 def test_a_stop_needs_no_log(desk: Any) -> None:

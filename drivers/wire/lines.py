@@ -77,7 +77,7 @@ def line_of(number: int, at_s: float, connection: int, kind: str, total: int, da
 
 def parse_header(line: bytes) -> Header:
     """The first line taken apart; `ValueError` when it is no wire log's."""
-    text = line.decode("ascii")
+    text = line.decode("ascii", errors="replace")
     if not text.startswith(MAGIC):
         raise ValueError("no wire log")
     try:
