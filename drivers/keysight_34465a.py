@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.keysight_34465a_examined import as_voltmeter, reads
 from drivers.keysight_memory import ReadingMemory
-from drivers.keysight_meter import SCALING_QUESTION, Keysight34465A
+from drivers.keysight_meter import ALTERING, Keysight34465A
 from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings, require_period
 from drivers.keysight_thermometer import MeterThermometer
 from drivers.transport import Connect
@@ -132,10 +132,9 @@ class _Voltmeter(Keysight34465A):
 
     def _finish(self) -> None:
         self._check_record()
-        if self._link.query_whole(SCALING_QUESTION):
-            self._fail(
-                "scaling was switched on (CALC:SCAL) while it measured; leave its panel alone, and keep others off it"
-            )
+        if altered := self._altered():
+            switched = " and ".join(f"{name} was switched on ({ALTERING[name]})" for name in altered)
+            self._fail(f"{switched} while it measured; leave its panel alone, and keep others off it")
         self._link.check("at the end of the record")
         self._recording = False
 

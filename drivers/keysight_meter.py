@@ -15,7 +15,8 @@ from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Identity, Reading
 
 MAKERS, MODELS = ("Keysight",), ("34465A",)
-SCALING_QUESTION = "CALC:SCAL:STAT?"
+ALTERING = {"scaling": "CALC:SCAL", "smoothing": "CALC:SMO"}
+"""What makes other numbers of readings, and stays on when a measurement is set up anew; by its name in messages."""
 
 
 class Keysight34465A:
@@ -63,14 +64,18 @@ class Keysight34465A:
                 raise InstrumentError(f"{self.name}: not idle after ABOR; look at its panel", instrument=self.name)
 
     def _configure(self, *commands: str) -> None:
-        """Set up a measurement, without the scaling that another client may have switched on: CONF leaves it on.
+        """Set up a measurement, without what another client may have switched on and CONF leaves on.
 
-        The error queue is asked last: its reply can be taken for no reading, as that of the scaling could.
+        The error queue is asked last: its reply can be taken for no reading, as that of a switch could.
         """
         self._link.send(*commands)
-        if self._link.query_whole(SCALING_QUESTION):
-            self._link.send("CALC:SCAL:STAT OFF")
+        for name in self._altered():
+            self._link.send(f"{ALTERING[name]}:STAT OFF")
         self._link.check(f"after {'; '.join(commands)}")
+
+    def _altered(self) -> list[str]:
+        """What is on of `ALTERING`."""
+        return [name for name, node in ALTERING.items() if self._link.query_whole(f"{node}:STAT?")]
 
     def _read_one(self, unit: str, extra_s: float) -> Reading:
         value = self._link.query_number("READ?", extra_s)

@@ -71,6 +71,8 @@ class Configuration:
     scaling_function: str = ""
     scaling_gain: float = 1.0
     scaling_offset: float = 0.0
+    smoothing: bool = False
+    smoothing_response: str = "FAST"
     display: bool = True
     display_text: str = ""
 

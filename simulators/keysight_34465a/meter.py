@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -22,6 +23,8 @@ TIMING_VIOLATION, MEMORY_OVERFLOW, VOLTAGE_OVERLOAD = 1 << 2, 1 << 14, 1
 """Bits of the questionable register."""
 MEASURING, WAITING = 1 << 4, 1 << 5
 """Bits of the operation register."""
+SMOOTHED = {"SLOW": 100, "MED": 50, "FAST": 10}
+"""How many readings smoothing takes the mean of."""
 EXPECTED_S = 0.01
 """How soon to look again for edges that nobody has announced."""
 LISTENERS_LIMIT = 1_000_000
@@ -52,6 +55,7 @@ class Meter:
         self._trigger_out, self._trigger_in = trigger_out, trigger_in
         self._readings: Readings | None = None
         self._triggers_awaited = 0.0
+        self._smoothed_last: deque[float] = deque()
         self._random = np.random.default_rng(settings.seed)
 
     def key_noise(self, *key: int) -> None:
@@ -84,6 +88,7 @@ class Meter:
         if not self.idle:
             raise ScpiError(-213)
         self.memory.clear()
+        self._smoothed_last.clear()
         self._tap.begin()
         setup = self.configuration
         # A too short interval is not refused: only the questionable register tells.
@@ -178,10 +183,25 @@ class Meter:
     def _take(self, times_s: FloatArray) -> None:
         readings = self._measure(times_s)
         valid = np.where(np.abs(readings) >= OVERLOAD, np.nan, readings)
-        # The tap hears what was measured, before scaling makes other numbers of it.
+        # The tap hears what was measured, before smoothing and scaling make other numbers of it.
         self._tap.note(self.configuration.function, times_s, valid)
-        if self.memory.append(self._scaled(readings)):
+        if self.memory.append(self._scaled(self._smoothed(readings))):
             self.questionable.event |= MEMORY_OVERFLOW
+
+    def _smoothed(self, readings: FloatArray) -> FloatArray:
+        """The mean of the last readings while smoothing is on; it begins anew after an overload, as too far off."""
+        setup = self.configuration
+        if not setup.smoothing:
+            return readings
+        last = self._smoothed_last = deque(self._smoothed_last, SMOOTHED[setup.smoothing_response])
+        smoothed = readings.copy()
+        for place, reading in enumerate(readings):
+            if abs(reading) >= OVERLOAD:
+                last.clear()
+                continue
+            last.append(float(reading))
+            smoothed[place] = np.mean(last)
+        return smoothed
 
     def _scaled(self, readings: FloatArray) -> FloatArray:
         """M x - B of what was measured while scaling is on; no number stays none."""

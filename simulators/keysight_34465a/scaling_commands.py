@@ -1,4 +1,7 @@
-"""What the meter makes of a reading before it is kept: CALCulate:SCALe. Of its functions only M x - B."""
+"""What the meter makes of a reading before it is kept: CALCulate:SCALe, of its functions only M x - B, and SMOothing.
+
+Smoothing after the Truevolt Series Operating and Service Guide, CALCulate:SMOothing (34465A and 34470A).
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,12 @@ def scaling_commands(meter: Meter) -> tuple[Command, ...]:
     function, gain, offset = (
         stored(meter, f"scaling_{name}", measurement=False) for name in ("function", "gain", "offset")
     )
+    response = stored(meter, "smoothing_response", measurement=False)
     return (
         *setting("CALCulate:SCALe[:STATe]", Boolean(), *switched),
         *setting("CALCulate:SCALe:FUNCtion", Choice(("SCALe",)), *function),
         *setting("CALCulate:SCALe:GAIN", Number(-LARGEST, LARGEST, 1.0), *gain),
         *setting("CALCulate:SCALe:OFFSet", Number(-LARGEST, LARGEST, 0.0), *offset),
+        *setting("CALCulate:SMOothing[:STATe]", Boolean(), *stored(meter, "smoothing", measurement=False)),
+        *setting("CALCulate:SMOothing:RESPonse", Choice(("SLOW", "MEDium", "FAST")), *response),
     )

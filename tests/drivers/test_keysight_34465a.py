@@ -110,6 +110,7 @@ REPLIES = {
     "SAMP:TIM? MIN": b"+1.10000000E-03\n",
     "STAT:QUES:EVEN?": b"+0\n",
     "CALC:SCAL:STAT?": b"0\n",
+    "CALC:SMO:STAT?": b"0\n",
     "DATA:POIN?": b"+1000000\n",
 }
 
@@ -147,13 +148,15 @@ def test_the_wire_of_a_record_byte_for_byte() -> None:
     meter.start(500, 0.01)
     assert bytes(endpoint.heard).decode().splitlines() == [
         *("ABOR", "*CLS", "CONF:VOLT:DC 10", "SENS:VOLT:DC:ZERO:AUTO OFF", "SENS:VOLT:DC:APER 1.000000E-03"),
-        *("TRIG:DEL 0", "SAMP:SOUR TIM", "CALC:SCAL:STAT?", "SYST:ERR?"),
+        *("TRIG:DEL 0", "SAMP:SOUR TIM", "CALC:SCAL:STAT?", "CALC:SMO:STAT?", "SYST:ERR?"),
         *("SAMP:TIM? MIN", "SAMP:TIM 0.010000", "SAMP:COUN 500"),
         *("FORM:DATA ASC", "TRIG:SOUR BUS", "INIT", "SYST:ERR?", "*TRG", "SYST:ERR?"),
     ]
     endpoint.heard.clear()
     rows = meter.fetch()
-    assert bytes(endpoint.heard) == b"DATA:POIN?\nR? 500\nSTAT:QUES:EVEN?\nCALC:SCAL:STAT?\nSYST:ERR?\n"
+    assert bytes(endpoint.heard).decode().splitlines() == [
+        *("DATA:POIN?", "R? 500", "STAT:QUES:EVEN?", "CALC:SCAL:STAT?", "CALC:SMO:STAT?", "SYST:ERR?"),
+    ]
     assert rows.shape == (500, 1)
     assert np.all(rows == 1e-3)
     assert meter.fetch().shape == (0, 1)
@@ -185,6 +188,33 @@ def test_a_record_that_was_scaled_on_its_way_is_refused() -> None:
     bench.clock.sleep_s(1.0)
     for record in (bench.pacing.fetch, bench.paced.collect):
         with pytest.raises(InstrumentError, match=r"scaling was switched on.*CALC:SCAL"):
+            record()
+
+
+SMOOTHED = b"CALC:SMO:RESP SLOW;STAT ON"
+
+
+def test_smoothing_that_another_client_switched_on_is_switched_off() -> None:
+    bench = Bench()
+    for meter in (bench.master, bench.slave):
+        bench.tell(meter, SMOOTHED)
+    bench.paced.arm(40, 0.1)
+    started_s = bench.pacing.start(40, 0.1)
+    true = sine(started_s + 1e-3 + 0.1 * np.arange(40))
+    assert bench.record(40, 0.1, 0.5)[:, 0] == pytest.approx(true, abs=1e-6)
+    assert bench.paced.collect()[:, 0] == pytest.approx(true, abs=1e-6)
+
+
+def test_a_record_that_was_smoothed_on_its_way_is_refused() -> None:
+    bench = Bench()
+    bench.paced.arm(10, 0.1)
+    bench.pacing.start(10, 0.1)
+    bench.clock.sleep_s(0.55)
+    for meter in (bench.master, bench.slave):
+        bench.tell(meter, SMOOTHED)
+    bench.clock.sleep_s(1.0)
+    for record in (bench.pacing.fetch, bench.paced.collect):
+        with pytest.raises(InstrumentError, match=r"smoothing was switched on.*CALC:SMO"):
             record()
 
 

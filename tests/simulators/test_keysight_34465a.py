@@ -485,6 +485,28 @@ def test_scaling_changes_what_is_read_until_the_function_changes(bench: Bench) -
     assert bench.ask("CALC:SCAL?") == "0"
 
 
+def test_smoothing_gives_the_mean_of_the_last_readings_of_an_acquisition(bench: Bench) -> None:
+    assert bench.ask("CALC:SMO:STAT?;RESP?") == "0;FAST"
+    bench.send("CONF:VOLT:DC 100", "SENS:VOLT:DC:APER 1E-3;ZERO:AUTO OFF", "SAMP:SOUR TIM;TIM 0.1;COUN 25")
+    bench.send("CALC:SMO:STAT ON")
+    for _ in range(2):
+        # A volt per second, in steps of 0.1 s.
+        rise = np.diff(bench.numbers("READ?", wait_s=3.0))
+        np.testing.assert_allclose(rise, [0.05] * 9 + [0.1] * 15, atol=1e-6)
+    bench.send("CALC:SMO:RESP MEDIUM")
+    np.testing.assert_allclose(np.diff(bench.numbers("READ?", wait_s=3.0)), [0.05] * 24, atol=1e-6)
+    assert bench.ask("CALC:SMO:RESP?;STAT?") == "MED;1"
+    bench.send("*RST")
+    assert bench.ask("CALC:SMO:STAT?;RESP?") == "0;FAST"
+
+
+def test_smoothing_begins_anew_after_an_overload() -> None:
+    bench = Bench(lambda times: np.where(np.abs(times - 1.001) < 0.01, 50.0, times))
+    bench.send("CONF:VOLT:DC 10", "SENS:VOLT:DC:APER 1E-3;ZERO:AUTO OFF", "SAMP:SOUR TIM;TIM 0.5;COUN 5")
+    bench.send("CALC:SMO ON")
+    assert bench.numbers("READ?", wait_s=3.0) == pytest.approx([0.001, 0.251, 9.9e37, 1.501, 1.751], abs=1e-6)
+
+
 def test_aperture_and_line_cycles_exclude_each_other(bench: Bench) -> None:
     bench.send("SENS:VOLT:DC:APER 2E-3")
     assert bench.ask("VOLT:APER:ENAB?;:VOLT:APER?") == "1;+2.00000000E-03"
