@@ -92,6 +92,8 @@ class _Voltmeter(Keysight34465A):
         s = self.settings
         return (
             f"CONF:VOLT:DC {s.range_v:g}",
+            # 10 Mohm, as after *RST: with more, as another client may want it, less is lost in the sensor.
+            "SENS:VOLT:DC:IMP:AUTO OFF",
             # Autozero measures zero between readings and doubles their time.
             "SENS:VOLT:DC:ZERO:AUTO OFF",
             f"SENS:VOLT:DC:APER {s.aperture_s:.6E}",

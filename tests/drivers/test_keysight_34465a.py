@@ -147,9 +147,9 @@ def test_the_wire_of_a_record_byte_for_byte() -> None:
     endpoint.heard.clear()
     meter.start(500, 0.01)
     assert bytes(endpoint.heard).decode().splitlines() == [
-        *("ABOR", "*CLS", "CONF:VOLT:DC 10", "SENS:VOLT:DC:ZERO:AUTO OFF", "SENS:VOLT:DC:APER 1.000000E-03"),
-        *("TRIG:DEL 0", "SAMP:SOUR TIM", "CALC:SCAL:STAT?", "CALC:SMO:STAT?", "SYST:ERR?"),
-        *("SAMP:TIM? MIN", "SAMP:TIM 0.010000", "SAMP:COUN 500"),
+        *("ABOR", "*CLS", "CONF:VOLT:DC 10", "SENS:VOLT:DC:IMP:AUTO OFF", "SENS:VOLT:DC:ZERO:AUTO OFF"),
+        *("SENS:VOLT:DC:APER 1.000000E-03", "TRIG:DEL 0", "SAMP:SOUR TIM"),
+        *("CALC:SCAL:STAT?", "CALC:SMO:STAT?", "SYST:ERR?", "SAMP:TIM? MIN", "SAMP:TIM 0.010000", "SAMP:COUN 500"),
         *("FORM:DATA ASC", "TRIG:SOUR BUS", "INIT", "SYST:ERR?", "*TRG", "SYST:ERR?"),
     ]
     endpoint.heard.clear()
@@ -189,6 +189,14 @@ def test_a_record_that_was_scaled_on_its_way_is_refused() -> None:
     for record in (bench.pacing.fetch, bench.paced.collect):
         with pytest.raises(InstrumentError, match=r"scaling was switched on.*CALC:SCAL"):
             record()
+
+
+def test_the_input_is_of_ten_megohms_whatever_another_client_has_set() -> None:
+    bench = Bench()
+    for meter, measure in ((bench.master, bench.pacing.voltage), (bench.slave, lambda: bench.paced.arm(10, 0.1))):
+        bench.tell(meter, b"VOLT:DC:IMP:AUTO ON")
+        measure()
+        assert bench.tell(meter, b"VOLT:DC:IMP:AUTO?") == b"0\n"
 
 
 SMOOTHED = b"CALC:SMO:RESP SLOW;STAT ON"
