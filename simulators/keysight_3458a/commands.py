@@ -1,16 +1,27 @@
-"""What each command does to the meter."""
+"""What each command does to the meter, and what a query answers.
+
+Every command has a query, which is answered by numbers (User's Guide, Additional Query Commands), in the form that a
+real meter has in the log of a public program: NRDGS? `1, 1`, APER? `200.000000E-03`, FUNC? `1, .1`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from simulators.keysight_3458a.language import Command, Error, Refused, choice, number, whole
-from simulators.keysight_3458a.meter import BYTES, Meter, Setup
+from simulators.keysight_3458a.language import Command, Error, Refused, choice, coded, number, real, whole
+from simulators.keysight_3458a.meter import RANGES_V, Meter, Setup
 from simulators.keysight_3458a.settings import Meter3458ASimulatorSettings
 
-RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
-EVENTS = ("AUTO", "EXT", "SGL", "HOLD", "SYN")
-"""Of TARM and TRIG; a query answers with their number, from 1."""
+EVENTS = {"AUTO": 1, "EXT": 2, "SGL": 3, "HOLD": 4, "SYN": 5}
+"""Of TARM and TRIG."""
+SAMPLE_EVENTS = {"AUTO": 1, "EXT": 2, "SYN": 5, "TIMER": 6}
+FORMATS = {"ASCII": 1, "SINT": 2, "DINT": 3, "SREAL": 4, "DREAL": 5}
+MEMORY = {"OFF": 0, "FIFO": 2}
+AUTOMATIC = {"OFF": 0, "ON": 1, "ONCE": 2}
+SWITCH = {"OFF": 0, "ON": 1}
+KEPT = {"END": {**SWITCH, "ALWAYS": 2}, "INBUF": SWITCH, "FIXEDZ": SWITCH, "TBUFF": SWITCH}
+"""Of no consequence here but that they are answered; off after switching on."""
+LINE_HZ = 50.0
 READINGS_MAX = 16_777_215
 TEXTS = {
     Error.TRIGGER_TOO_FAST: "TRIGGER TOO FAST",
@@ -19,7 +30,7 @@ TEXTS = {
     Error.PARAMETER_RANGE: "PARAMETER OUT OF RANGE",
     Error.MEMORY: "MEMORY ERROR",
 }
-IGNORED = frozenset({"END", "INBUF", "TBUFF", "NDIG", "DISP", "BEEP", "MATH", "FIXEDZ", "OFORMAT"})
+IGNORED = frozenset({"NDIG", "DISP", "BEEP", "MATH", "OFORMAT", "LFREQ"})
 """Understood, and of no consequence here: replies are always in ASCII."""
 Words = tuple[str, ...]
 
@@ -31,18 +42,23 @@ class Commands:
         self._meter = meter
         self._dialect = settings.dialect
         self._errors: set[Error] = set()
+        self._kept = dict.fromkeys(KEPT, 0)
         self._handlers: dict[str, Callable[[Words], None]] = {
-            "RESET": lambda _: meter.reset(),
+            "RESET": self._reset,
             "PRESET": self._preset,
             "TARM": self._arm,
-            "TRIG": lambda words: meter.change(trigger=choice(words[0], *EVENTS)),
+            "TRIG": self._trigger,
             "NRDGS": self._readings,
             "TIMER": lambda words: meter.change(timer_s=number(words[0], 1e-5, 6000.0)),
             "DELAY": lambda words: meter.change(delay_s=max(number(words[0], -1.0, 6000.0), 0.0)),
             "DCV": self._volts,
+            "RANGE": self._volts,
+            "FUNC": self._function,
+            "ARANGE": lambda words: meter.change(autorange=coded(words[0], AUTOMATIC) == "ON"),
             "APER": lambda words: meter.change(aperture_s=number(words[0], 500e-9, 1.0)),
-            "AZERO": lambda words: meter.change(autozero=choice(words[0], "ON", "OFF", "ONCE") == "ON"),
-            "MFORMAT": lambda words: meter.change(memory_format=choice(words[0], *BYTES)),
+            "NPLC": lambda words: meter.change(aperture_s=max(number(words[0], 0.0, 1000.0) / LINE_HZ, 500e-9)),
+            "AZERO": lambda words: meter.change(autozero=coded(words[0], AUTOMATIC) == "ON"),
+            "MFORMAT": lambda words: meter.change(memory_format=coded(words[0], FORMATS)),
             "MEM": self._memory,
             "EXTOUT": self._output,
         }
@@ -50,8 +66,22 @@ class Commands:
             "ID": lambda: settings.identity,
             "ERRSTR": self._error,
             "MCOUNT": lambda: self._whole(meter.count()),
-            "TARM": lambda: self._whole(EVENTS.index(self._armed()) + 1),
-            "TRIG": lambda: self._whole(EVENTS.index(meter.setup.trigger) + 1),
+            "TARM": lambda: self._whole(EVENTS[self._armed()]),
+            "TRIG": lambda: self._whole(EVENTS[meter.setup.trigger]),
+            "NRDGS": lambda: f"{self._whole(meter.setup.readings)}, {SAMPLE_EVENTS[meter.setup.sample_event]}",
+            "TIMER": lambda: real(meter.setup.timer_s),
+            "DELAY": lambda: real(meter.setup.delay_s),
+            "APER": lambda: real(meter.setup.aperture_s),
+            "NPLC": lambda: real(meter.setup.aperture_s * LINE_HZ),
+            "FUNC": lambda: f"{self._whole(1)}, {self._range()}",
+            "RANGE": self._range,
+            "ARANGE": lambda: self._whole(meter.setup.autorange),
+            "AZERO": lambda: self._whole(meter.setup.autozero),
+            "MEM": lambda: self._whole(MEMORY[meter.setup.memory]),
+            "MFORMAT": lambda: self._whole(FORMATS[meter.setup.memory_format]),
+            "OFORMAT": lambda: self._whole(FORMATS["ASCII"]),
+            "ISCALE": lambda: real(1.0),
+            "TEMP": lambda: "37.0",
         }
 
     def execute(self, command: Command | Refused) -> str | None:
@@ -73,21 +103,37 @@ class Commands:
             return self._recall(command.words)
         if command.keyword in IGNORED:
             return None
+        if command.keyword in KEPT:
+            self._keep(command)
+            return None
         handler = self._handlers.get(command.keyword)
         if handler is None:
             raise Refused(Error.SYNTAX)
-        if not command.words and command.keyword not in ("RESET", "PRESET"):
+        if not command.words and command.keyword not in ("RESET", "PRESET", "DCV"):
             raise Refused(Error.PARAMETER_UNDEFINED)
         handler(command.words)
         return None
 
     def _query(self, command: Command) -> str:
-        if command.keyword not in self._queries or command.words:
+        if command.words:
+            raise Refused(Error.SYNTAX)
+        if command.keyword in KEPT:
+            return self._whole(self._kept[command.keyword])
+        if command.keyword not in self._queries:
             raise Refused(Error.SYNTAX)
         return self._queries[command.keyword]()
 
+    def _keep(self, command: Command) -> None:
+        codes = KEPT[command.keyword]
+        # Without its parameter the last of them: END ALWAYS, INBUF ON.
+        self._kept[command.keyword] = codes[coded(command.words[0], codes)] if command.words else max(codes.values())
+
+    def _range(self) -> str:
+        # Without the zero before the point.
+        return f"{self._meter.setup.range_v:g}".removeprefix("0")
+
     def _whole(self, value: int) -> str:
-        return f" {value}" if self._dialect.padded_numbers else str(value)
+        return f" {value:d}" if self._dialect.padded_numbers else f"{value:d}"
 
     def _error(self) -> str:
         self._meter.advance()
@@ -105,28 +151,47 @@ class Commands:
         self._meter.advance()
         return self._meter.setup.arm
 
+    def _reset(self, _: Words) -> None:
+        self._meter.reset()
+        self._kept = dict.fromkeys(KEPT, 0)
+
+    def _trigger(self, words: Words) -> None:
+        event = coded(words[0], EVENTS)
+        if event == "SGL":
+            self._meter.trigger_once()
+        else:
+            self._meter.change(trigger=event)
+
     def _preset(self, words: Words) -> None:
-        choice(words[0] if words else "NORM", "NORM")
+        coded(words[0] if words else "NORM", {"NORM": 1})
         self._meter.hold()
         self._meter.setup = Setup()
 
     def _arm(self, words: Words) -> None:
-        event = choice(words[0], *EVENTS)
+        event = coded(words[0], EVENTS)
         if event == "HOLD":
             self._meter.hold()
         else:
             self._meter.arm(event)
 
     def _readings(self, words: Words) -> None:
-        event = choice(words[1], "AUTO", "TIMER", "EXT", "SYN") if len(words) > 1 else "AUTO"
+        event = coded(words[1], SAMPLE_EVENTS) if len(words) > 1 else "AUTO"
         self._meter.change(readings=whole(words[0], 1, READINGS_MAX), sample_event=event)
 
     def _volts(self, words: Words) -> None:
+        if not words or words[0] in ("AUTO", "-1"):
+            self._meter.change(autorange=True)
+            return
         asked_v = number(words[0], -1.0, 1050.0)
-        self._meter.change(range_v=next((r for r in RANGES_V if abs(asked_v) <= r), RANGES_V[-1]))
+        range_v = next((r for r in RANGES_V if abs(asked_v) <= r), RANGES_V[-1])
+        self._meter.change(range_v=range_v, autorange=False)
+
+    def _function(self, words: Words) -> None:
+        coded(words[0], {"DCV": 1})
+        self._volts(words[1:])
 
     def _memory(self, words: Words) -> None:
-        if choice(words[0], "FIFO", "OFF") == "FIFO":
+        if coded(words[0], MEMORY) == "FIFO":
             self._meter.store_anew()
         else:
             self._meter.change(memory="OFF")

@@ -23,7 +23,8 @@ BUFFER_LINES = 64
 class Simulated3458A:
     """A 3458A that measures `volts`; it gives `trigger_out` or hears `trigger_in`.
 
-    Not there: functions other than DC voltage, level and line triggering, subprograms.
+    Not there: functions other than DC voltage, level and line triggering, subprograms, and the readings that a meter
+    takes without end (TARM AUTO with TRIG AUTO) or whenever it is read (TRIG SYN).
     """
 
     kind = "keysight-3458a"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -75,3 +76,19 @@ def choice(word: str, *names: str) -> str:
     if word not in names:
         raise Refused(Error.PARAMETER_UNDEFINED)
     return word
+
+
+def coded(word: str, codes: Mapping[str, int]) -> str:
+    """One of these words, or the word of a number, by which a query answers."""
+    for name, code in codes.items():
+        if word in (name, str(code)):
+            return name
+    raise Refused(Error.PARAMETER_UNDEFINED)
+
+
+def real(value: float) -> str:
+    """Nine digits, and an exponent that is a multiple of three, as queries answer: `200.000000E-03`."""
+    exponent = 3 * math.floor(math.log10(abs(value)) / 3) if value else 0
+    mantissa = f"{value / 10.0**exponent:.9f}"
+    # The point is no digit.
+    return f"{mantissa[: 10 + mantissa.startswith('-')]}E{exponent:+03d}"

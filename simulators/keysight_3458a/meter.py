@@ -17,6 +17,7 @@ from simulators.measured import Tap
 from simulators.wiring import Signal, TriggerLine
 
 OVERLOAD_V = 1e38
+RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 OVER_RANGE = 1.2
 BYTES = {"SREAL": 4, "DREAL": 8, "DINT": 4, "SINT": 2, "ASCII": 16}
 """Of one reading in memory."""
@@ -29,6 +30,7 @@ class Setup:
     """What it is set to; the defaults are those of PRESET NORM (User's Guide, table 10)."""
 
     range_v: float = 10.0
+    autorange: bool = True
     aperture_s: float = 0.02
     autozero: bool = True
     delay_s: float = 0.0
@@ -52,6 +54,10 @@ class Setup:
         return max(self.timer_s, self.reading_s) if self.sample_event == "TIMER" else self.reading_s
 
 
+POWERED = Setup(aperture_s=0.2, trigger="AUTO")
+"""After switching on, and RESET (User's Guide, table 5): NPLC 10 and TRIG AUTO, whose readings nobody hears here."""
+
+
 class Meter:
     """`send_reading` is given each reading that goes to no memory."""
 
@@ -64,7 +70,7 @@ class Meter:
         settings: Meter3458ASimulatorSettings,
         tap: Tap,
     ) -> None:
-        self.setup = Setup()
+        self.setup = POWERED
         self.too_fast = False
         self.send_reading: Callable[[float], None] = lambda _: None
         self._clock = clock
@@ -83,7 +89,7 @@ class Meter:
     def reset(self) -> None:
         """As after switching on: the memory is empty."""
         self.hold()
-        self.setup = Setup()
+        self.setup = POWERED
         self._stored = np.empty(0)
         self.too_fast = False
 
@@ -118,6 +124,14 @@ class Meter:
                 setup.aperture_s,
             )  # fmt: skip
         elif setup.trigger == "AUTO" and event == "SGL":
+            self._sample()
+
+    def trigger_once(self) -> None:
+        """TRIG SGL: the readings of one trigger if it is armed, and none after that."""
+        self.advance()
+        self.change(trigger="HOLD")
+        if self.setup.arm == "AUTO" and self._readings is None:
+            self._tap.begin()
             self._sample()
 
     def _sample(self) -> None:
@@ -156,7 +170,8 @@ class Meter:
             self._keep(self._measured(times_s))
         if not self._readings.remaining:
             self._readings = None
-            self.change(arm="HOLD")
+            if self.setup.arm == "SGL":
+                self.change(arm="HOLD")
 
     def _keep(self, volts: FloatArray) -> None:
         if self.setup.memory == "OFF":
@@ -172,7 +187,10 @@ class Meter:
         middle_s = edges_s + (0.5 if isinstance(self._readings, PacedReadings) else -0.5) * setup.aperture_s
         volts = mean_over_aperture(self._volts, middle_s, setup.aperture_s)
         volts = volts + self._settings.noise_v_rms * self._random.standard_normal(len(edges_s))
-        over = ~(np.abs(volts) <= OVER_RANGE * setup.range_v)
+        if setup.autorange:
+            held = (r for r in RANGES_V if abs(volts[-1]) <= OVER_RANGE * r)
+            self.change(range_v=next(held, RANGES_V[-1]))
+        over = ~(np.abs(volts) <= OVER_RANGE * (RANGES_V[-1] if setup.autorange else setup.range_v))
         # A single real has 24 bits.
         kept = volts.astype(np.float32).astype(np.float64) if setup.memory_format == "SREAL" else volts
         self._tap.note("VOLT", edges_s, np.where(over, np.nan, kept))
