@@ -33,7 +33,7 @@ PERIOD_MINIMUM_S, PERIOD_MAXIMUM_S = 5e-6, 1e6
 PHASE_MAXIMUM_DEG = 360.0
 BURST_MAXIMUM = 100_000_000
 """Periods; as many last longer than anything that is recorded."""
-ROUNDING, ROUNDING_V, ROUNDING_HZ, ROUNDING_DEG = 1e-3, 1e-3, 1e-6, 0.1
+ROUNDING, ROUNDING_V, ROUNDING_HZ, ROUNDING_DEG, ROUNDING_PERCENT = 1e-3, 1e-3, 1e-6, 0.1, 0.1
 """What the generator may round a setting by: relative, and in each unit on top."""
 FUNCTIONS = {"constant": "DC", "sine": "SIN", "triangle": "RAMP"}
 
@@ -122,7 +122,8 @@ class Keysight33500B:
             # The load first: the generator reckons all voltages for it, and for 50 ohm they would be twice as high.
             # A constant has no burst, and what is set while one waits is told as a conflict.
             ended = (f"SOUR{number}:BURS:STAT OFF",) if self._bursting else ()
-            self._link.configure(f"OUTP{number}:LOAD INF", *ended, *_settings(number, waveform, lasting_s))
+            output = f"OUTP{number}:LOAD INF", f"OUTP{number}:POL NORM"
+            self._link.configure(*output, *ended, *_settings(number, waveform, lasting_s))
             # Only once its settings are taken without an error: the outputs are never on with what was not asked for.
             self._link.send(f"OUTP{number} ON")
         asked_s = self._clock.now_s()
@@ -190,9 +191,14 @@ class Keysight33500B:
 
     def _as_taken(self, name: str, waveform: Waveform) -> Waveform:
         """The waveform with the numbers that the generator gives back."""
-        source = f"SOUR{self.settings.outputs[name]}"
+        number = self.settings.outputs[name]
+        source = f"SOUR{number}"
+        self._require_taken(f"{source}:FUNC?", FUNCTIONS[waveform.shape])
+        self._require_taken(f"OUTP{number}:POL?", "NORM")
         if waveform.shape == "constant":
             return Waveform("constant", self._taken(f"{source}:VOLT:OFFS?", waveform.offset_v, ROUNDING_V))
+        if waveform.shape == "triangle":
+            self._taken(f"{source}:FUNC:RAMP:SYMM?", 50.0, ROUNDING_PERCENT)
         # Steps of 1 uHz: 60 min becomes 59.95 min, and what is recorded must be what was made.
         frequency_hz = self._taken(f"{source}:FREQ?", 1.0 / waveform.period_s, ROUNDING_HZ)
         if not frequency_hz > 0.0:
@@ -203,6 +209,10 @@ class Keysight33500B:
         phase = "BURS:PHAS?" if math.isfinite(self._lasting_s) else "PHAS?"
         phase_deg = self._taken(f"{source}:{phase}", waveform.phase_deg, ROUNDING_DEG)
         return Waveform(waveform.shape, offset_v, amplitude_v, 1.0 / frequency_hz, phase_deg)
+
+    def _require_taken(self, query: str, word: str) -> None:
+        if (reply := self._link.query(query)) != word:
+            raise self._link.bad_reply(query, reply, f"{word}, as it was set without an error")
 
     def _taken(self, query: str, asked: float, rounding: float) -> float:
         """What the generator made of a setting: no more than rounding it, as its error queue is empty."""

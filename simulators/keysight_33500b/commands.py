@@ -18,6 +18,7 @@ from simulators.scpi import Boolean, Choice, Command, Number, ScpiError
 FUNCTION = Choice(("SINusoid", "RAMP", "TRIangle", "DC"))
 PHASE = Number(-360.0, 360.0, 0.0, unit="DEG")
 CYCLES = Number(1.0, 1e8, 1.0)
+POLARITY = Choice(("NORMal", "INVerted"))
 TRIGGER = Choice(("IMMediate", "EXTernal", "TIMer", "BUS"))
 PERCENT = Number(0.0, 100.0, 100.0)
 LOAD = Number(1.0, 10e3, 50.0, unit="OHM")
@@ -100,6 +101,11 @@ class Commands:
                 lambda output, text: output.change(on=Boolean().parse(text)),
             ),
             *self._pair("OUTPut<n>:LOAD", _load, _set_load),
+            *self._pair(
+                "OUTPut<n>:POLarity",
+                lambda output: "INV" if output.course.inverted else "NORM",
+                lambda output, text: output.change(inverted=POLARITY.parse(text) == "INV"),
+            ),
         )
 
     def _bursts(self) -> tuple[Command, ...]:

@@ -32,6 +32,7 @@ class Course:
     offset_v: float = 0.0
     phase_deg: float = 0.0
     symmetry: float = 1.0
+    inverted: bool = False
     on: bool = False
     began_s: float = 0.0
     began_turns: float = 0.0
@@ -59,7 +60,9 @@ class Course:
         phase_deg = self.burst_phase_deg if self.burst else self.phase_deg
         turns = self.turns(times_s) + phase_deg / 360.0
         shape = np.sin(2.0 * math.pi * turns) if self.function == "SIN" else _ramp(turns, self.symmetry)
-        return self.offset_v + 0.5 * self.amplitude_vpp * shape
+        # Not the offset: the guide's rule for the maker's 33220A.
+        sign = -1.0 if self.inverted else 1.0
+        return self.offset_v + sign * 0.5 * self.amplitude_vpp * shape
 
 
 class Output:

@@ -11,18 +11,16 @@ from collections.abc import Callable, Mapping
 from simulators.scpi import Boolean, Choice, Command, Number, ScpiError
 from simulators.scpi.commands import ParameterType
 
-POLARITY = Choice(("NORMal", "INVerted"))
 OF_AN_OUTPUT: Mapping[str, tuple[ParameterType, object]] = {
     "[SOURce<n>:]FREQuency:MODE": (Choice(("CW", "LIST", "SWEep", "FIXed")), "CW"),
     "[SOURce<n>:]FUNCtion:PULSe:WIDTh": (Number(16e-9, 1e6, 1e-4, unit="S"), 1e-4),
     "[SOURce<n>:]BURSt:MODE": (Choice(("TRIGgered", "GATed")), "TRIG"),
-    "[SOURce<n>:]BURSt:GATE:POLarity": (POLARITY, "NORM"),
+    "[SOURce<n>:]BURSt:GATE:POLarity": (Choice(("NORMal", "INVerted")), "NORM"),
     "[SOURce<n>:]BURSt:INTernal:PERiod": (Number(1e-6, 8e3, 1e-2, unit="S"), 1e-2),
     "TRIGger<n>:SLOPe": (Choice(("POSitive", "NEGative")), "POS"),
     "TRIGger<n>:COUNt": (Number(1.0, 1e6, 1.0), 1.0),
     "TRIGger<n>:DELay": (Number(0.0, 1e3, 0.0, unit="S"), 0.0),
     "TRIGger<n>:TIMer": (Number(1e-6, 8e3, 1.0, unit="S"), 1.0),
-    "OUTPut<n>:POLarity": (POLARITY, "NORM"),
 }
 OF_THE_CONNECTOR: Mapping[str, tuple[ParameterType, object]] = {
     "OUTPut:SYNC[:STATe]": (Boolean(), True),

@@ -89,11 +89,12 @@ def test_the_session_of_the_protocols_page_byte_for_byte() -> None:
     bench.source.start({"dm1_z_v": Waveform("triangle", 0.0, 1.0, 3600.0)})
     assert bench.lines == [
         *("*RST", "*CLS", "UNIT:ANGL DEG", "SYST:ERR?"),
-        *("OUTP1:LOAD INF", "SOUR1:FUNC DC", "SOUR1:VOLT:OFFS 0.000000", "SYST:ERR?", "OUTP1 ON"),
-        *("OUTP2:LOAD INF", "SOUR2:VOLT:OFFS 0", "SOUR2:FUNC RAMP", "SOUR2:FREQ 2.777777778E-04"),
+        *("OUTP1:LOAD INF", "OUTP1:POL NORM", "SOUR1:FUNC DC", "SOUR1:VOLT:OFFS 0.000000", "SYST:ERR?", "OUTP1 ON"),
+        *("OUTP2:LOAD INF", "OUTP2:POL NORM", "SOUR2:VOLT:OFFS 0", "SOUR2:FUNC RAMP", "SOUR2:FREQ 2.777777778E-04"),
         *("SOUR2:FUNC:RAMP:SYMM 50", "SOUR2:VOLT:UNIT VPP", "SOUR2:VOLT 2.000000", "SOUR2:VOLT:OFFS 0.000000"),
         *("SOUR2:PHAS 0.000000", "SYST:ERR?", "OUTP2 ON", "PHAS:SYNC", "SYST:ERR?"),
-        *("SOUR1:VOLT:OFFS?", "SOUR2:FREQ?", "SOUR2:VOLT?", "SOUR2:VOLT:OFFS?", "SOUR2:PHAS?"),
+        *("SOUR1:FUNC?", "OUTP1:POL?", "SOUR1:VOLT:OFFS?", "SOUR2:FUNC?", "OUTP2:POL?", "SOUR2:FUNC:RAMP:SYMM?"),
+        *("SOUR2:FREQ?", "SOUR2:VOLT?", "SOUR2:VOLT:OFFS?", "SOUR2:PHAS?"),
     ]
 
 
@@ -225,6 +226,29 @@ def test_a_frequency_that_is_none_is_a_bad_reply(reply: bytes) -> None:
     bench.tap.script = {"SOUR1:FREQ?": reply}
     with pytest.raises(BadReply, match=r"source: SOUR1:FREQ\? was answered"):
         bench.source.start({"dm1_y_v": SINE})
+
+
+TRIANGLE = Waveform("triangle", 0.25, 1.0, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("waveform", "told", "query"),
+    [
+        (SINE, "SOUR1:FUNC RAMP", r"SOUR1:FUNC\?"),
+        (Waveform(offset_v=1.0), "SOUR1:FUNC SIN", r"SOUR1:FUNC\?"),
+        (SINE, "OUTP1:POL INV", r"OUTP1:POL\?"),
+        (TRIANGLE, "SOUR1:FUNC:RAMP:SYMM 100", r"SOUR1:FUNC:RAMP:SYMM\?"),
+    ],
+)
+def test_another_shape_than_was_set_is_noticed(waveform: Waveform, told: str, query: str) -> None:
+    bench = Bench().opened()
+    bench.source.start({"dm1_y_v": waveform})
+    bench.source.require_running()
+    bench.tell(told)
+    with pytest.raises(BadReply, match=f"source: {query} was answered"):
+        bench.source.require_running()
+    bench.source.start({"dm1_y_v": waveform})
+    bench.source.require_running()
 
 
 @pytest.mark.parametrize("outputs", [{}, {"a": 1, "b": 1}, {"a": 3}, {"a": 1, "b": 2, "c": 2}])

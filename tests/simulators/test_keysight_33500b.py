@@ -111,6 +111,17 @@ def test_tri_is_a_ramp_of_symmetry_50_and_other_symmetries_rise_as_long_as_they_
     assert bench.volts(1, 0.0, 2.0, 4.0, 5.0, 6.0) == pytest.approx([0.0, 0.5, 1.0, 0.0, -1.0], abs=1e-9)
 
 
+def test_inverted_it_is_upside_down_about_its_offset(bench: Bench) -> None:
+    bench.send("OUTP1:LOAD INF", "SOUR1:FREQ 1", "SOUR1:VOLT 2", "SOUR1:VOLT:OFFS 0.5", "OUTP1 ON", "PHAS:SYNC")
+    upright = bench.volts(1, 0.0, 0.25, 0.75)
+    bench.send("OUTP1:POL INV")
+    assert bench.ask("OUTP1:POL?;:OUTP2:POL?") == "INV;NORM"
+    np.testing.assert_allclose(upright, [0.5, 1.5, -0.5])
+    np.testing.assert_allclose(bench.volts(1, 0.0, 0.25, 0.75), [0.5, -0.5, 1.5])
+    bench.send("*RST")
+    assert bench.ask("OUTP1:POL?") == "NORM"
+
+
 def test_another_frequency_goes_on_from_the_phase_there_is(bench: Bench) -> None:
     bench.send("OUTP1:LOAD INF", "FREQ 0.1", "VOLT 2", "OUTP1 ON", "PHAS:SYNC")
     bench.clock.sleep_s(2.5)
