@@ -5,8 +5,10 @@ After the C-863.12 user manual (MS249E) and the maker's PIPython. Where these ar
 - Commands are not acknowledged: the error is asked for after each, with nothing in between. Of one that was lost no
   error tells: parameters are read back.
 - `FRF` moves to the reference, with the servo on; the controller keeps it, so that a referenced axis is left alone.
+  `FRF?` tells as well of a position that was said to it (`POS`, which PIPython's start-up can do); that takes the
+  reference mode `RON` off. `DFH` makes any place the zero. Both are asked of controllers that list them in `HLP?`.
 - `STP` stops all axes at once and leaves error 10 behind, which is no failure.
-- Whether a unit is degrees the controller tells by `PUN?`, if it knows the question; else the operator says so.
+- Whether a unit is degrees the controller tells by `PUN?`, if it lists the question; else the operator says so.
 """
 
 from __future__ import annotations
@@ -67,7 +69,9 @@ class PiGcsStage:
         self._clock = clock
         self._line = GcsLine(name, connect, settings.link_timeout_s)
         self._stops = 0
-        self._tells_unit = False
+        self._known: frozenset[str] = frozenset()
+        self._zero = 0.0
+        """What `DFH?` said when it was opened or homed."""
 
     # instrument
 
@@ -77,7 +81,8 @@ class PiGcsStage:
             self._line.open()
             self._line.error()
             self._require_axis()
-            self._tells_unit = self._line.understood("PUN?", self._axis) is not None
+            self._known = self._line.commands()
+            self._zero = self._zero_now()
         except BaseException:
             self._line.close()
             raise
@@ -132,16 +137,30 @@ class PiGcsStage:
         low_deg, high_deg = self._travel()
         self.limits.require_inside(self.name, low_deg, high_deg, "TMN and TMX")
         self._set_profile()
+        if "RON" in self._known:
+            self._set("RON", 1)
         self._start(f"SVO {self._axis} 1", stops)
         search = f"FRF {self._axis}"
         self._start(search, stops)
         self._finish(search, stops)
+        self._zero = self._zero_now()
         if not self.is_homed():
             raise InstrumentError(f"{self.name}: {search!r} ended without the reference", instrument=self.name)
 
     def is_homed(self) -> bool:
-        """True when the axis is referenced and its servo is on."""
-        return all(self._line.ask_number(query, self._axis) == 1 for query in ("FRF?", "SVO?"))
+        """True when the axis is referenced by a search and its servo is on.
+
+        Raises `InstrumentError` when somebody has made another place its zero.
+        """
+        zero = self._zero_now()
+        if zero != self._zero:
+            raise InstrumentError(
+                f"{self.name}: the zero of axis {self._axis} was defined anew (DFH?: {zero:g}, not {self._zero:g}); "
+                "switch the controller off and on, and home it",
+                instrument=self.name,
+            )
+        queries = ("FRF?", "SVO?", *({"RON?"} & self._known))
+        return all(self._line.ask_number(query, self._axis) == 1 for query in queries)
 
     def safety_stop(self) -> str:
         """Nothing: GCS has no answer that names a safety device."""
@@ -189,8 +208,11 @@ class PiGcsStage:
                 instrument=self.name,
             )
 
+    def _zero_now(self) -> float:
+        return self._line.ask_number("DFH?", self._axis) if "DFH?" in self._known else 0.0
+
     def _unit(self) -> str:
-        return self._line.ask_text("PUN?", self._axis).lower() if self._tells_unit else self._settings.unit
+        return self._line.ask_text("PUN?", self._axis).lower() if "PUN?" in self._known else self._settings.unit
 
     def _require_degrees(self) -> None:
         if (unit := self._unit()) not in DEGREES:

@@ -11,7 +11,7 @@ import re
 from drivers.numbers import whole
 from drivers.transport import Connect, Transport
 from drivers.unacknowledged_line import UnacknowledgedLine
-from rigctl.core.errors import LinkTimeout, WrongInstrument
+from rigctl.core.errors import WrongInstrument
 
 IDENTITY, ERROR, MOVING = "*IDN?", "ERR?", "\x05"
 """#5 is a single character, and has no line end."""
@@ -51,14 +51,9 @@ class GcsLine(UnacknowledgedLine):
             raise self._bad(query, answer, f"'{axis}=...'")
         return text.strip()
 
-    def understood(self, query: str, axis: str) -> str | None:
-        """As `ask_text`; None where the controller does not know the question, which shows by its silence."""
-        try:
-            return self.ask_text(query, axis)
-        except LinkTimeout:
-            if self.error():
-                return None
-            raise
+    def commands(self) -> frozenset[str]:
+        """All that the controller says it understands, without parameters."""
+        return frozenset(word for line in self.ask("HLP?").splitlines() for word in line.split()[:1])
 
     def error(self) -> int:
         """The code of the last error, which is forgotten."""

@@ -1,6 +1,6 @@
 """The controller behind its line: one axis, one error, any number of clients.
 
-After the C-863.12 user manual (MS249E, chapter 8).
+After the C-863.12 user manual (MS249E, chapter 8); RON, POS and DFH after the maker's PIPython.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from simulators.wiring import Connection
 SYNTAX, UNKNOWN, NO_REFERENCE, OUT_OF_LIMITS, TOO_FAST, STOPPED, NO_AXIS, OUT_OF_RANGE, COUNT = (
     1, 2, 5, 7, 8, 10, 15, 17, 24,
 )  # fmt: skip
-MOTION_ERROR = 1024
+MOTION_ERROR, REFERENCING_DISABLED = 1024, 50
 MOVING, READY, STOP = "\x05", "\x07", "\x18"
 _SINGLE = re.compile(f"([{MOVING}{READY}{STOP}])".encode())
 """What is a command by itself, without a line end and wherever it comes."""
@@ -71,6 +71,8 @@ class SimulatedGcs2:
             "ONT": lambda: str(int(self._on_target())),
             "SVO": lambda: str(int(self._servo)),
             "FRF": lambda: str(int(self._referenced)),
+            "RON": lambda: str(int(self._by_search)),
+            "DFH": lambda: self._number(self._home_deg),
             "TMN": lambda: self._number(self._settings.travel_min_deg),
             "TMX": lambda: self._number(self._settings.travel_max_deg),
             "VEL": lambda: self._number(self._speed_deg_s),
@@ -83,6 +85,8 @@ class SimulatedGcs2:
             "MOV": self._move,
             "MVR": lambda step_deg: self._move(self._target_deg + step_deg),
             "SVO": self._switch,
+            "RON": self._choose_reference,
+            "POS": self._say_position,
             "VEL": self._set_speed,
             "ACC": self._set_acceleration,
             "DEC": self._set_acceleration,
@@ -130,6 +134,8 @@ class SimulatedGcs2:
         now_s = self.clock.now_s()
         self._error = 0
         self._servo = self._referenced = False
+        self._by_search = True
+        self._home_deg: float = 0.0
         self._zero_deg = self._motion.position(now_s)
         self._target_deg: float = 0.0
         self._busy_until_s = -math.inf
@@ -153,18 +159,23 @@ class SimulatedGcs2:
                 self._require_axis(axis)
                 self._refer()
                 return None
+            case ["DFH", axis]:
+                self._require_axis(axis)
+                self._home_deg += self._position_deg()
+                self._count_from(0.0)
+                return None
             case [command, axis, value] if command in self._commands:
                 self._require_axis(axis)
                 self._commands[command](_value(value))
                 return None
-        raise Refused(COUNT if words[0] in {*self._commands, "FRF"} else UNKNOWN)
+        raise Refused(COUNT if words[0] in {*self._commands, "FRF", "DFH"} else UNKNOWN)
 
     def _take_error(self) -> str:
         code, self._error = self._error, 0
         return str(code)
 
     def _help(self) -> str:
-        others = ["#5", "#7", "#24", "*IDN?", "ERR?", "FRF", "HLP?", "HLT", "SAI?", "STP"]
+        others = ["#5", "#7", "#24", "*IDN?", "DFH", "ERR?", "FRF", "HLP?", "HLT", "SAI?", "STP"]
         lines = sorted([*others, *self._commands, *(f"{query}?" for query in self._queries)])
         # A line that is followed by another ends with a space.
         return " \n".join(["The following commands are valid:", *lines, "end of help"])
@@ -212,7 +223,9 @@ class SimulatedGcs2:
     def _refer(self) -> None:
         if not self._servo:
             raise Refused(NO_REFERENCE)
-        self._referenced = False
+        if not self._by_search:
+            raise Refused(REFERENCING_DISABLED)
+        self._referenced, self._home_deg = False, 0.0
         now_s = self.clock.now_s()
         self._go(0.0, self._settings.reference_speed_deg_s)
         self._busy_until_s = max(self._busy_until_s, now_s + self._settings.reference_s)
@@ -223,6 +236,22 @@ class SimulatedGcs2:
         if self.clock.now_s() >= self._found_at_s:
             self._found_at_s = math.inf
             self._zero_deg, self._target_deg, self._referenced = 0.0, 0.0, True
+
+    def _choose_reference(self, value: float) -> None:
+        if value not in (0.0, 1.0):
+            raise Refused(OUT_OF_RANGE)
+        self._by_search = bool(value)
+
+    def _say_position(self, position_deg: float) -> None:
+        # Only where the reference is not searched (PIPython, POS); with which error else is not known.
+        if self._by_search:
+            raise Refused(OUT_OF_RANGE)
+        self._count_from(position_deg)
+        self._referenced = True
+
+    def _count_from(self, position_deg: float) -> None:
+        self._zero_deg = self._motion.position(self.clock.now_s()) - position_deg
+        self._target_deg = position_deg
 
     def _go(self, place_deg: float, speed_deg_s: float) -> None:
         self._found_at_s = math.inf

@@ -17,7 +17,10 @@ from tests.drivers.ensemble_bench import Tap
 from tests.drivers.expected import Expected, Send
 
 IDENTITY = "(c)2021 Physik Instrumente (PI) GmbH & Co. KG, C-863.12, 0120001234, 1.2.1.0"
-GREETING = (("*IDN?", IDENTITY), ("ERR?", "0"), ("SAI?", "1"), ("PUN? 1", "1=deg"))
+HELP = " \n".join(("The following commands are valid:", "DFH?", "FRF", "FRF?", "PUN?", "RON", "RON?", "end of help"))
+ZERO = ("DFH? 1", "1=0.000000")
+GREETING = (("*IDN?", IDENTITY), ("ERR?", "0"), ("SAI?", "1"), ("HLP?", HELP), ZERO)
+HOMED = (ZERO, ("FRF? 1", "1=1"), ("SVO? 1", "1=1"), ("RON? 1", "1=1"))
 SEVERAL_AXES = b"SAI?\n", b"1 \n2\n"
 
 
@@ -63,8 +66,16 @@ class Bench:
         self.clock = VirtualClock()
         self.axis = MotionAxis()
         settings = Gcs2SimulatorSettings.model_validate(simulated or {})
-        self.tap = Tap(SimulatedGcs2(self.clock, self.axis, settings))
+        self.controller = SimulatedGcs2(self.clock, self.axis, settings)
+        self.tap = Tap(self.controller)
         self.stage = made(self.tap, self.clock, **configured)
+
+    def tell(self, *lines: str) -> None:
+        """What another client says to the controller."""
+        connection = self.controller.connect(lambda _: None)
+        for line in lines:
+            connection.receive(line.encode() + b"\n")
+        connection.close()
 
 
 def test_a_move_byte_by_byte() -> None:
@@ -73,8 +84,7 @@ def test_a_move_byte_by_byte() -> None:
         *(("ERR?", "0"), ("ACC 1 40", ""), ("ERR?", "0"), ("ACC? 1", "1=4.0000e+01")),
     ]
     said = conversation(
-        ("FRF? 1", "1=1"),
-        ("SVO? 1", "1=1"),
+        *HOMED,
         ("PUN? 1", "1=deg"),
         *taken,
         ("ERR?", "0"),
@@ -107,7 +117,7 @@ def test_a_move_byte_by_byte() -> None:
 )
 def test_a_parameter_that_came_as_another_is_read_back(parameter: str, others: list[str]) -> None:
     told = {each: "1=40" if each != "VEL" else "1=10" for each in others} | {parameter: "1=8"}
-    answers = {"FRF? 1": "1=1", "SVO? 1": "1=1", "ERR?": "0", **{f"{name}? 1": reply for name, reply in told.items()}}
+    answers = {**dict(HOMED), "PUN? 1": "1=deg", "ERR?": "0", **{f"{name}? 1": reply for name, reply in told.items()}}
     controller = Answering({**dict(GREETING), **answers})
     stage = made(controller, VirtualClock())
     stage.open()
@@ -158,12 +168,35 @@ def test_a_unit_that_the_controller_tells_goes_before_the_rig_file() -> None:
     degrees.stage.home()
 
 
-def test_the_question_for_the_unit_is_asked_once_where_it_is_not_understood() -> None:
+def test_a_question_that_the_controller_does_not_list_is_not_asked() -> None:
     bench = Bench()
     bench.stage.open()
     bench.stage.home()
     bench.stage.move_to(5.0)
-    assert bench.tap.sent("PUN?") == ["PUN? 1"]
+    assert bench.tap.sent("PUN?") == []
+    assert len(bench.tap.sent("HLP?")) == 1
+
+
+def test_a_position_that_somebody_has_set_is_no_reference() -> None:
+    bench = Bench()
+    bench.stage.open()
+    # As PIPython's start-up does with the reference mode POS.
+    bench.tell("RON 1 0", "POS 1 33.0", "SVO 1 1")
+    assert bench.stage.is_homed() is False
+    bench.stage.home()
+    bench.stage.move_to(5.0)
+    assert bench.axis.position(bench.clock.now_s()) == pytest.approx(5.0, abs=1e-3)
+
+
+def test_a_zero_that_somebody_has_defined_anew_is_an_error() -> None:
+    bench = Bench()
+    bench.stage.open()
+    bench.stage.home()
+    bench.stage.move_to(5.0)
+    bench.tell("DFH 1")
+    for ask in (bench.stage.is_homed, lambda: bench.stage.move_to(6.0)):
+        with pytest.raises(InstrumentError, match=r"stage: the zero of axis 1 was defined anew \(DFH\?: 5, not 0\)"):
+            ask()
 
 
 def test_another_axis_or_several_are_refused() -> None:
