@@ -12,6 +12,7 @@ from simulators.keysight_33500b.output import (
     PEAK_V,
     Output,
 )
+from simulators.keysight_33500b.panel import panel_commands
 from simulators.keysight_33500b.settings import GeneratorSettings
 from simulators.scpi import Boolean, Choice, Command, Number, ScpiError
 
@@ -44,6 +45,7 @@ class Commands:
             *self._levels(),
             *self._connector(),
             *self._bursts(),
+            *panel_commands(),
             *resting.commands(self._output),
         )
 
@@ -89,6 +91,28 @@ class Commands:
                 _offsets,
                 lambda output: output.scale * output.course.offset_v,
                 lambda output, offset_v: output.change(offset_v=offset_v / output.scale),
+            ),
+            *self._number(
+                "[SOURce<n>:]VOLTage:HIGH",
+                lambda output: Number(
+                    output.scale * (output.course.levels_v[0] + AMPLITUDE_MINIMUM_VPP),
+                    output.scale * PEAK_V,
+                    output.scale * 0.1,
+                    unit="V",
+                ),
+                lambda output: output.scale * output.course.levels_v[1],
+                lambda output, high_v: output.set_levels(output.course.levels_v[0], high_v / output.scale),
+            ),
+            *self._number(
+                "[SOURce<n>:]VOLTage:LOW",
+                lambda output: Number(
+                    -output.scale * PEAK_V,
+                    output.scale * (output.course.levels_v[1] - AMPLITUDE_MINIMUM_VPP),
+                    -output.scale * 0.1,
+                    unit="V",
+                ),
+                lambda output: output.scale * output.course.levels_v[0],
+                lambda output, low_v: output.set_levels(low_v / output.scale, output.course.levels_v[1]),
             ),
             *self._pair("[SOURce<n>:]VOLTage:UNIT", lambda _: "VPP", lambda _, text: _only("VPP", text)),
         )

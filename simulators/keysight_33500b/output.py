@@ -64,6 +64,11 @@ class Course:
         sign = -1.0 if self.inverted else 1.0
         return self.offset_v + sign * 0.5 * self.amplitude_vpp * shape
 
+    @property
+    def levels_v(self) -> tuple[float, float]:
+        """The lowest and the highest voltage, into an open circuit."""
+        return self.offset_v - 0.5 * self.amplitude_vpp, self.offset_v + 0.5 * self.amplitude_vpp
+
 
 class Output:
     """Takes settings one by one; `ScpiError` for what it has changed or clipped, after the fact."""
@@ -148,6 +153,10 @@ class Output:
     def offset_maximum_v(self) -> float:
         """Into an open circuit."""
         return PEAK_V - (0.0 if self._course.function == "DC" else 0.5 * self._course.amplitude_vpp)
+
+    def set_levels(self, low_v: float, high_v: float) -> None:
+        """By its lowest and highest voltage into an open circuit."""
+        self.change(amplitude_vpp=high_v - low_v, offset_v=0.5 * (low_v + high_v))
 
     def set_amplitude(self, amplitude_vpp: float) -> None:
         """Into an open circuit; the offset gives way."""

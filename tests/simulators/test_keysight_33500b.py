@@ -275,7 +275,20 @@ def test_pyvisa_sets_it_over_a_raw_socket(served: str) -> None:
 SNAPSHOT = {
     "OUTPut:SYNC": "1",
     "OUTPut:SYNC:SOURce": "CH1",
+    "OUTPut:TRIGger": "0",
+    "OUTPut:TRIGger:SLOPe": "POS",
+    "OUTPut1:MODE": "NORM",
     "OUTPut2:POLarity": "NORM",
+    "OUTPut1:SYNC:MODE": "NORM",
+    "OUTPut2:SYNC:POLarity": "NORM",
+    "ROSCillator:SOURce": "INT",
+    "SOURce1:AM:STATe": "0",
+    "SOURce2:FSKey:STATe": "0",
+    "SOURce1:SWEep:STATe": "0",
+    "SOURce1:FUNCtion:PULSe:HOLD": "WIDT",
+    "SOURce1:VOLTage:LIMit:STATe": "0",
+    "SOURce2:VOLTage:COUPle": "0",
+    "SOURce1:VOLTage:RANGe:AUTO": "1",
     "SOURce1:BURSt:STATe": "0",
     "SOURce2:BURSt:MODE": "TRIG",
     "SOURce1:FREQuency:MODE": "CW",
@@ -290,9 +303,31 @@ def test_what_is_not_simulated_says_so_and_stays_as_it_is(bench: Bench, header: 
     assert bench.error() == '+0,"No error"'
 
 
+def test_a_voltage_by_its_ends(bench: Bench) -> None:
+    assert bench.ask("VOLT:HIGH?;LOW?") == "+5.00000000000000E-02;-5.00000000000000E-02"
+    bench.send("OUTP1:LOAD INF", "VOLT:HIGH 3", "VOLT:LOW 1")
+    assert (bench.number("VOLT?"), bench.number("VOLT:OFFS?")) == (2.0, 2.0)
+    bench.send("VOLT:LOW 4")
+    assert bench.error() == '-222,"Data out of range; value clipped to upper limit"'
+    assert (bench.number("VOLT:LOW?"), bench.number("VOLT:HIGH?")) == (2.998, 3.0)
+    bench.send("SOUR1:VOLT:HIGH 11")
+    assert bench.error().startswith("-222")
+    assert bench.number("VOLT:HIGH?") == pytest.approx(10.0)
+
+
+def test_its_panel_shows_a_text_and_beeps(bench: Bench) -> None:
+    bench.send("DISP:TEXT 'in use'", "DISP OFF", "SYST:BEEP", "SYST:BEEP:STAT OFF")
+    assert bench.ask("DISP:TEXT?;:DISP?;:SYST:BEEP:STAT?") == '"in use";0;0'
+    bench.send("DISP:TEXT:CLE", "DISP ON")
+    assert bench.ask("DISP:TEXT?;:DISP?") == '"";1'
+    assert bench.error() == NO_ERROR
+
+
 @pytest.mark.parametrize(
     ("command", "code"),
     [
+        ("SOUR1:FM:STAT ON", "-221"),
+        ("VOLT:LIM:STAT ON", "-221"),
         ("OUTP:SYNC OFF", "-221"),
         ("SOUR1:BURS:STAT 1", "-221"),
         ("TRIG2:SOUR EXT", "-221"),
