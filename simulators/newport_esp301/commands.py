@@ -246,11 +246,21 @@ def _hardware_status(controller: Controller, _: Command) -> str:
     return f"{limits:X}H, {home:X}H"
 
 
-def _limit_configuration(controller: Controller, command: Command) -> str | None:
+def _configuration(bits: str) -> Callable[[Controller, Command], str]:
+    """What only the maker's configuration changes here."""
+
+    def told(controller: Controller, command: Command) -> str:
+        _axis(controller, command)
+        if not command.query:
+            raise Refused(27)
+        return bits
+
+    return told
+
+
+def _update_filter(controller: Controller, command: Command) -> None:
+    """The servo's gains are kept as they come."""
     _axis(controller, command)
-    if not command.query:
-        raise Refused(27)
-    return "24H"
 
 
 def _save(_: Controller, __: Command) -> None:
@@ -287,7 +297,10 @@ CONTROLLER_COMMANDS: dict[str, Callable[[Controller, Command], str | None]] = {
     "ID": _stage,
     "TS": _status_character,
     "PH": _hardware_status,
-    "ZH": _limit_configuration,
+    "ZH": _configuration("24H"),
+    # Of its feedback, bit 8 the encoder's (EPICS' drvESP300.cc).
+    "ZB": _configuration("100H"),
+    "UF": _update_filter,
     "SM": _save,
     "RS": _reset,
     "LC": _keypad,

@@ -16,9 +16,10 @@ from simulators.newport_xps.codes import Refused
 REQUEST_BYTES_MAX = 65536
 _REQUEST = re.compile(r"(\w+)\s*\((.*)\)", re.DOTALL)
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
+_BOOL = re.compile(r"[01]")
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 
-WRONG_TYPE = {"char": -13, "double": -14, "int": -15}
+WRONG_TYPE = {"bool": -12, "char": -13, "double": -14, "int": -15}
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Inputs:
 class Signature:
     """What a function takes after the name of its object.
 
-    `inputs` are "double", "int" or "word", `outputs` the C types of the placeholders. `per_axis`: both repeat
+    `inputs` are "double", "int", "bool" or "word", `outputs` the C types of the placeholders. `per_axis`: both repeat
     for each axis of the group. `variadic`: the inputs may repeat any number of times, at least once.
     """
 
@@ -112,8 +113,8 @@ class Signature:
 
 
 def read_number(kind: str, text: str) -> float:
-    """A number of the given C type; refuses with -14 (double) or -15 (int)."""
-    pattern = _INTEGER if kind == "int" else _NUMBER
+    """A number of the given C type; refuses with -14 (double), -15 (int) or -12 (bool, which is 0 or 1)."""
+    pattern = {"int": _INTEGER, "bool": _BOOL}.get(kind, _NUMBER)
     if pattern.fullmatch(text) is None or not math.isfinite(float(text)):
         raise Refused(WRONG_TYPE[kind])
     return float(text)

@@ -12,6 +12,7 @@ from simulators.newport_xps.positioner import Positioner
 
 _NONE = Signature()
 _DOUBLE_IN = Signature(("double",), per_axis=True)
+_CORRECTOR = ("bool", *("double",) * 11)
 _DOUBLES_OUT = Signature(outputs=("double", "double"), per_axis=True)
 
 
@@ -86,6 +87,7 @@ GROUP_FUNCTIONS: dict[str, Function[Selection]] = {
     "GroupPositionSetpointGet": _per_axis(Positioner.setpoint),
     "GroupPositionTargetGet": _per_axis(lambda p, _: p.target_deg),
     "GroupVelocityCurrentGet": _per_axis(Positioner.velocity),
+    "GroupAccelerationSetpointGet": _per_axis(lambda p, at_s: p.axis.acceleration(at_s)),
     "GroupCurrentFollowingErrorGet": _per_axis(lambda p, at_s: p.setpoint(at_s) - p.current(at_s)),
     "GroupInitialize": _blocking(Group.initialise),
     "GroupInitializeWithEncoderCalibration": _blocking(_initialise_calibrating),
@@ -125,6 +127,10 @@ def _set_travel(call: Call, positioner: Positioner) -> None:
     positioner.set_travel(*call.numbers)
 
 
+def _set_corrector(call: Call, positioner: Positioner) -> None:
+    positioner.corrector = call.numbers
+
+
 def _set_motion_done(call: Call, positioner: Positioner) -> None:
     if any(number <= 0 for number in call.numbers):
         raise Refused(-17)
@@ -146,6 +152,13 @@ POSITIONER_FUNCTIONS: dict[str, Function[Positioner]] = {
     ),
     "PositionerMotionDoneSet": Function(Signature(("double",) * 5), _set_motion_done),
     "PositionerMotionDoneGet": Function(Signature(outputs=("double",) * 5), lambda _, p: numbers(*p.motion_done)),
+    "PositionerCorrectorTypeGet": Function(
+        Signature(outputs=("char",)), lambda _, __: ("PositionerCorrectorPIDFFVelocity",)
+    ),
+    "PositionerCorrectorPIDFFVelocitySet": Function(Signature(_CORRECTOR), _set_corrector),
+    "PositionerCorrectorPIDFFVelocityGet": Function(
+        Signature(outputs=_CORRECTOR), lambda _, p: numbers(*p.corrector)
+    ),
     "PositionerErrorGet": Function(Signature(outputs=("int",)), _read_and_clear_error),
     "PositionerErrorRead": Function(Signature(outputs=("int",)), lambda _, p: (str(p.error_word),)),
     "PositionerHardwareStatusGet": Function(

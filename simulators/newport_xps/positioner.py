@@ -30,6 +30,8 @@ class Positioner:
         self.acceleration_deg_s2 = settings.acceleration_max_deg_s2
         self.jerk_times_s = (settings.jerk_time_s, settings.jerk_time_s)
         self.travel_deg = (settings.travel_min_deg, settings.travel_max_deg)
+        # Closed loop, KP, KI, KD, KS, integration time, cut-off, GKP, GKI, GKD, KForm, feed-forward; without effect.
+        self.corrector: tuple[float, ...] = (1.0, 20.0, 200.0, 0.1, 0.8, 1e-3, 4000.0, 0.0, 0.0, 0.0, 0.0, 1.0)
         self.motion_done: tuple[float, ...] = (0.001, 0.1, 0.02, 0.01, 1.0)
         self.jog = (0.0, settings.acceleration_max_deg_s2)
         self.error_word = 0

@@ -60,6 +60,7 @@ class SimulatedGcs2:
             MOVING: lambda: f"{int(self._moving()):X}",
             READY: lambda: IS_READY,
             "*IDN?": lambda: self._settings.identity,
+            "CSV?": lambda: "2.0",
             "ERR?": self._take_error,
             "SAI?": lambda: self._settings.axis,
             "SAI? ALL": lambda: self._settings.axis,
@@ -73,6 +74,9 @@ class SimulatedGcs2:
             "FRF": lambda: str(int(self._referenced)),
             "RON": lambda: str(int(self._by_search)),
             "DFH": lambda: self._number(self._home_deg),
+            # The stage has a switch at its reference, and at each end (EPICS' PIGCSController.cpp asks).
+            "TRS": lambda: "1",
+            "LIM": lambda: "1",
             "TMN": lambda: self._number(self._settings.travel_min_deg),
             "TMX": lambda: self._number(self._settings.travel_max_deg),
             "VEL": lambda: self._number(self._speed_deg_s),
@@ -175,7 +179,7 @@ class SimulatedGcs2:
         return str(code)
 
     def _help(self) -> str:
-        others = ["#5", "#7", "#24", "*IDN?", "DFH", "ERR?", "FRF", "HLP?", "HLT", "SAI?", "STP"]
+        others = ["#5", "#7", "#24", "*IDN?", "CSV?", "DFH", "ERR?", "FRF", "HLP?", "HLT", "SAI?", "STP"]
         lines = sorted([*others, *self._commands, *(f"{query}?" for query in self._queries)])
         # A line that is followed by another ends with a space.
         return " \n".join(["The following commands are valid:", *lines, "end of help"])

@@ -35,6 +35,14 @@ def test_it_is_known_and_its_errors_have_texts(xps: tuple[Any, int]) -> None:
     assert "-22" in str(succeeded(client.ErrorStringGet(socket, -22))[0])
 
 
+def test_the_gains_of_a_positioner_are_read_and_set(xps: tuple[Any, int]) -> None:
+    client, socket = xps
+    _, *gains = succeeded(client.PositionerCorrectorPIDFFVelocityGet(socket, POSITIONER))
+    gains[0] *= 2.0
+    succeeded(client.PositionerCorrectorPIDFFVelocitySet(socket, POSITIONER, 1, *gains))
+    assert succeeded(client.PositionerCorrectorPIDFFVelocityGet(socket, POSITIONER)) == [True, *gains]
+
+
 def test_a_group_is_initialised_homed_and_moved(xps: tuple[Any, int]) -> None:
     client, socket = xps
     assert int(succeeded(client.GroupStatusGet(socket, GROUP))[0]) in NOT_INITIALISED

@@ -105,6 +105,8 @@ def test_the_exchange_of_the_manual(bench: Bench) -> None:
         ("1SL?;1SR?", ["-170.0000", "170.0000"]),
         ("1PH", ["0H, 1H"]),
         ("1ZH?", ["24H"]),
+        ("1ZB?", ["100H"]),
+        ("1KP5.0;1UF;1KP?", ["5.0000"]),
         ("TS", ["P"]),
         ("1MO;TS;2MO?", ["X", "0"]),
         ("TE?", ["0"]),

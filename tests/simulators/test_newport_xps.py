@@ -77,6 +77,30 @@ def homed(bench: Bench) -> Bench:
 # the wire
 
 
+def test_the_gains_of_a_positioner_are_kept(bench: Bench) -> None:
+    kind = "PositionerCorrectorPIDFFVelocity"
+    assert bench.call("PositionerCorrectorTypeGet(Group1.Pos,char *)") == f"0,{kind},EndOfAPI"
+    outputs = ",".join(["bool *", *["double *"] * 11])
+    gains = "0,1.5,2,3,4,5,6,7,8,9,10,11"
+    assert bench.call(f"{kind}Set(Group1.Pos,{gains})") == "0,,EndOfAPI"
+    assert bench.call(f"{kind}Get(Group1.Pos,{outputs})") == f"0,{gains},EndOfAPI"
+    wrong = f"{kind}Set(Group1.Pos,2{gains[1:]})"
+    assert bench.call(wrong) == f"-12,{wrong},EndOfAPI"
+    wrong = f"{kind}Get(Group1.Pos,{outputs.replace('bool', 'int')})"
+    assert bench.call(wrong) == f"-12,{wrong},EndOfAPI"
+
+
+def test_the_acceleration_of_a_move_is_told(homed: Bench) -> None:
+    homed.a.send("GroupMoveAbsolute(Group1.Pos,90)")
+    homed.clock.sleep_s(0.1)
+    told = [
+        reply
+        for text in ("Group1", "Group1.Pos")
+        for reply in homed.b.send(f"GroupAccelerationSetpointGet({text},double *)")
+    ]
+    assert told == ["0,80,EndOfAPI"] * 2
+
+
 def test_the_exchange_of_a_move_as_in_the_manual(homed: Bench) -> None:
     a, b = homed.a, homed.b
     assert b.send(STATUS) == ["0,11,EndOfAPI"]

@@ -41,6 +41,31 @@ def test_a_reference_move_and_a_motion() -> None:
     assert (bench("PUN? 1"), bench("TMX? 1"), bench("SAI?")) == ("1=deg\n", "1=170.000000\n", "1\n")
 
 
+def test_a_position_can_be_said_where_no_reference_is_searched() -> None:
+    bench = Bench()
+    bench("POS 1 33")
+    assert (bench("ERR?"), bench("FRF? 1")) == ("17\n", "1=0\n")
+    bench("RON 1 0")
+    bench("POS 1 33")
+    assert [bench(query) for query in ("RON? 1", "FRF? 1", "POS? 1", "MOV? 1", "ERR?")] == [
+        *("1=0\n", "1=1\n", "1=33.000000\n", "1=33.000000\n", "0\n"),
+    ]
+    bench("SVO 1 1")
+    bench("FRF 1")
+    assert (bench("ERR?"), bench("FRF? 1")) == ("50\n", "1=1\n")
+    bench("DFH 1")
+    assert (bench("DFH? 1"), bench("POS? 1"), bench("ERR?")) == ("1=33.000000\n", "1=0.000000\n", "0\n")
+    bench("RON 1 1")
+    bench("FRF 1")
+    bench.clock.sleep_s(5.0)
+    assert (bench("FRF? 1"), bench("DFH? 1"), bench("POS? 1")) == ("1=1\n", "1=0.000000\n", "1=0.000000\n")
+
+
+def test_what_epics_asks_of_an_axis() -> None:
+    bench = Bench()
+    assert [bench(query) for query in ("CSV?", "LIM? 1", "TRS? 1", "ERR?")] == ["2.0\n", "1=1\n", "1=1\n", "0\n"]
+
+
 @pytest.mark.parametrize("stop", ["STP", "HLT 1", "\x18"])
 def test_a_stop_leaves_error_10(stop: str) -> None:
     bench = Bench()
