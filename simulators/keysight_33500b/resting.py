@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from simulators.scpi import Boolean, Choice, Command, Number, ScpiError
-from simulators.scpi.commands import ParameterType
+from simulators.scpi import Boolean, Choice, Command, Number, resting
+from simulators.scpi.commands import ParameterType, require_resting
 
 OF_AN_OUTPUT: Mapping[str, tuple[ParameterType, object]] = {
     "[SOURce<n>:]FREQuency:MODE": (Choice(("CW", "LIST", "SWEep", "FIXed")), "CW"),
@@ -53,7 +53,7 @@ def commands(require_output: Callable[[int], object]) -> tuple[Command, ...]:
     for header, (kind, value) in OF_AN_OUTPUT.items():
         table += _of_an_output(header, kind, value, require_output)
     for header, (kind, value) in OF_THE_CONNECTOR.items():
-        table += _resting(header, kind, value)
+        table += resting(header, kind, value)
     return tuple(table)
 
 
@@ -62,22 +62,10 @@ def _of_an_output(
 ) -> tuple[Command, Command]:
     def put(number: int, text: str) -> None:
         require_output(number)
-        _keep(kind, value, text)
+        require_resting(kind.parse(text), value)
 
     def query(number: int) -> str:
         require_output(number)
         return kind.format(value)
 
     return Command(header, put, 1), Command(header + "?", query)
-
-
-def _resting(header: str, kind: ParameterType, value: object) -> tuple[Command, Command]:
-    return (
-        Command(header, lambda text: _keep(kind, value, text), 1),
-        Command(header + "?", lambda: kind.format(value)),
-    )
-
-
-def _keep(kind: ParameterType, value: object, text: str) -> None:
-    if kind.parse(text) != value:
-        raise ScpiError(-221, "not simulated")

@@ -75,6 +75,8 @@ class Configuration:
     smoothing_response: str = "FAST"
     display: bool = True
     display_text: str = ""
+    label: str = ""
+    beeper: bool = True
 
     def preset_triggering(self) -> None:
         """What CONFigure and MEASure? put back."""

@@ -1,6 +1,6 @@
 """SCPI and IEEE 488.2 as an instrument hears them: the grammar, and the shell around a simulated device."""
 
-from simulators.scpi.commands import Command, Pending, Register, Reply, setting
+from simulators.scpi.commands import Command, Pending, Register, Reply, resting, setting
 from simulators.scpi.device import ScpiShell
 from simulators.scpi.grammar import Boolean, Choice, Integer, Number, OnOffOnce, ScpiError, Text, header_regex, parse
 
@@ -19,5 +19,6 @@ __all__ = [
     "Text",
     "header_regex",
     "parse",
+    "resting",
     "setting",
 ]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from simulators.scpi.grammar import Integer, Number
+from simulators.scpi.grammar import Integer, Number, ScpiError
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,20 @@ def setting(
         Command(pattern, lambda text: put(kind.parse(text)), 1),
         Command(pattern + "?", query, 0, isinstance(kind, Number)),
     )
+
+
+def resting(pattern: str, kind: ParameterType, value: Any) -> tuple[Command, Command]:
+    """A setting that is not simulated: it has this value, which may be set again; any other is a settings conflict.
+
+    So that nobody takes for done what was not.
+    """
+    return setting(pattern, kind, lambda: value, lambda told: require_resting(told, value))
+
+
+def require_resting(told: Any, value: Any) -> None:
+    """-221 for another value than the one that it has."""
+    if told != value:
+        raise ScpiError(-221, "not simulated")
 
 
 @dataclass

@@ -485,6 +485,33 @@ def test_scaling_changes_what_is_read_until_the_function_changes(bench: Bench) -
     assert bench.ask("CALC:SCAL?") == "0"
 
 
+@pytest.mark.parametrize(
+    ("header", "value", "other"),
+    [
+        ("CALC:AVER:STAT", "0", "ON"),
+        ("CALC:LIM:STAT", "0", "1"),
+        ("CALC:TRAN:HIST:STAT", "0", "ON"),
+        ("VOLT:DC:NULL:STAT", "0", "ON"),
+        ("VOLT:DC:NULL:VAL", "+0.00000000E+00", "1.5"),
+        ("TEMP:NULL", "0", "ON"),
+        ("DISP:VIEW", "NUM", "MET"),
+    ],
+)
+def test_what_is_not_simulated_says_so_and_stays_as_it_is(bench: Bench, header: str, value: str, other: str) -> None:
+    assert bench.ask(f"{header}?") == value
+    bench.send(f"{header} {value}")
+    assert bench.error() == 0
+    bench.send(f"{header} {other}")
+    assert bench.ask("SYST:ERR?") == '-221,"Settings conflict; not simulated"'
+    assert bench.ask(f"{header}?") == value
+
+
+def test_it_beeps_and_bears_a_label(bench: Bench) -> None:
+    bench.send("SYST:BEEP", 'SYST:LAB "bench 3"', "SYST:BEEP:STAT OFF")
+    assert bench.ask("SYST:LAB?;BEEP:STAT?") == '"bench 3";0'
+    assert bench.error() == 0
+
+
 def test_smoothing_gives_the_mean_of_the_last_readings_of_an_acquisition(bench: Bench) -> None:
     assert bench.ask("CALC:SMO:STAT?;RESP?") == "0;FAST"
     bench.send("CONF:VOLT:DC 100", "SENS:VOLT:DC:APER 1E-3;ZERO:AUTO OFF", "SAMP:SOUR TIM;TIM 0.1;COUN 25")
