@@ -35,7 +35,8 @@ BURST_MAXIMUM = 100_000_000
 """Periods; as many last longer than anything that is recorded."""
 ROUNDING, ROUNDING_V, ROUNDING_HZ, ROUNDING_DEG, ROUNDING_PERCENT = 1e-3, 1e-3, 1e-6, 0.1, 0.1
 """What the generator may round a setting by: relative, and in each unit on top."""
-FUNCTIONS = {"constant": "DC", "sine": "SIN", "triangle": "RAMP"}
+FUNCTIONS = {"constant": ("DC",), "sine": ("SIN",), "triangle": ("RAMP", "TRI")}
+"""The word sent, and what else may be answered: TRI is a ramp of symmetry 50; what that is called no source tells."""
 
 
 class SourceSettings(BaseModel):
@@ -193,7 +194,7 @@ class Keysight33500B:
         """The waveform with the numbers that the generator gives back."""
         number = self.settings.outputs[name]
         source = f"SOUR{number}"
-        self._require_taken(f"{source}:FUNC?", FUNCTIONS[waveform.shape])
+        self._require_taken(f"{source}:FUNC?", *FUNCTIONS[waveform.shape])
         self._require_taken(f"OUTP{number}:POL?", "NORM")
         if waveform.shape == "constant":
             return Waveform("constant", self._taken(f"{source}:VOLT:OFFS?", waveform.offset_v, ROUNDING_V))
@@ -210,9 +211,9 @@ class Keysight33500B:
         phase_deg = self._taken(f"{source}:{phase}", waveform.phase_deg, ROUNDING_DEG)
         return Waveform(waveform.shape, offset_v, amplitude_v, 1.0 / frequency_hz, phase_deg)
 
-    def _require_taken(self, query: str, word: str) -> None:
-        if (reply := self._link.query(query)) != word:
-            raise self._link.bad_reply(query, reply, f"{word}, as it was set without an error")
+    def _require_taken(self, query: str, *words: str) -> None:
+        if (reply := self._link.query(query)) not in words:
+            raise self._link.bad_reply(query, reply, f"{' or '.join(words)}, as it was set without an error")
 
     def _taken(self, query: str, asked: float, rounding: float) -> float:
         """What the generator made of a setting: no more than rounding it, as its error queue is empty."""
@@ -230,7 +231,7 @@ def _cycles(waveform: Waveform, lasting_s: float) -> float:
 def _settings(number: int, waveform: Waveform, lasting_s: float) -> tuple[str, ...]:
     """In the generator's order: limits depend on the function, and an old offset may leave no room for what comes."""
     source = f"SOUR{number}"
-    function = f"{source}:FUNC {FUNCTIONS[waveform.shape]}"
+    function = f"{source}:FUNC {FUNCTIONS[waveform.shape][0]}"
     offset = f"{source}:VOLT:OFFS {waveform.offset_v:.6f}"
     if waveform.shape == "constant":
         return function, offset

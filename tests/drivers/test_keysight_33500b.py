@@ -251,6 +251,12 @@ def test_another_shape_than_was_set_is_noticed(waveform: Waveform, told: str, qu
     bench.source.require_running()
 
 
+def test_a_ramp_of_symmetry_50_may_be_called_a_triangle() -> None:
+    bench = Bench({"SOUR1:FUNC?": b"TRI\n"}).opened()
+    bench.source.start({"dm1_y_v": TRIANGLE})
+    bench.source.require_running()
+
+
 @pytest.mark.parametrize("outputs", [{}, {"a": 1, "b": 1}, {"a": 3}, {"a": 1, "b": 2, "c": 2}])
 def test_outputs_that_make_no_sense_are_refused(outputs: dict[str, int]) -> None:
     with pytest.raises(ValidationError, match="outputs must name 1, 2 or both"):
