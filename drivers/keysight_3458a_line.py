@@ -35,10 +35,12 @@ class MeterLine:
         self.lock = self._conversation.lock
 
     def open(self, *commands: str) -> None:
-        """Connect, send these, and make sure who answers; `WrongInstrument` for another."""
+        """Connect, clear the device, send these, and make sure who answers; `WrongInstrument` for another."""
         with self.lock:
             self._conversation.open()
             try:
+                # It may be at a long record, or have a reading ready: after switching on it reads without end.
+                self.device_clear()
                 self.tell(*commands)
                 self.identify()
             except BaseException:

@@ -222,6 +222,28 @@ def test_a_stop_over_visa_clears_the_device_and_is_confirmed_at_once_where_it_he
         server.close()
 
 
+class WithDeviceClear(InProcessTransport):
+    """In this process, as GPIB."""
+
+    def device_clear(self) -> bool:
+        self._received.clear()
+        self._connection.device_clear()
+        return True
+
+
+def test_a_meter_that_another_program_has_left_in_a_long_record_is_opened_at_once() -> None:
+    clock = VirtualClock()
+    settings = Meter3458ASimulatorSettings(dialect=hard("hears_while_sampling"))
+    simulated = Simulated3458A(clock, volts, None, None, settings)
+    other = simulated.connect(lambda _: None)
+    other.receive(b"PRESET NORM;TARM HOLD;INBUF ON;MEM FIFO;TIMER 1;NRDGS 3600,TIMER;TRIG AUTO;TARM SGL\n")
+    clock.sleep_s(1.0)
+    meter = PacingMeter("readout", Meter3458ASettings(), lambda: WithDeviceClear("sim:", simulated, clock), clock)
+    meter.open()
+    assert clock.now_s() == pytest.approx(1.0)
+    assert meter.voltage().unit == "V"
+
+
 def test_a_stop_before_it_is_open_connects_by_itself() -> None:
     bench = Bench()
     bench.pacing.stop()
