@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 
 from drivers.keysight_34465a_examined import who
 from drivers.keysight_memory import OVERLOAD
-from drivers.scpi import ScpiLink
+from drivers.scpi import NotUnderstood, ScpiLink
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.errors import InstrumentError
@@ -26,6 +27,7 @@ class Keysight34465A:
         self.name = name
         self._clock = clock
         self._link = ScpiLink(name, connect, link_timeout_s)
+        self._absent: set[str] = set()
 
     def open(self) -> None:
         """Connect, make sure it is a 34465A, end what it is doing and clear its errors."""
@@ -75,7 +77,16 @@ class Keysight34465A:
 
     def _altered(self) -> list[str]:
         """What is on of `ALTERING`."""
-        return [name for name, node in ALTERING.items() if self._link.query_whole(f"{node}:STAT?")]
+        return [name for name, node in ALTERING.items() if self._is_on(node)]
+
+    def _is_on(self, node: str) -> bool:
+        """Whether it is, or False where this firmware has no such thing."""
+        # Asked twice before that is believed: a question that was garbled on its way is not understood either.
+        for _ in range(0 if node in self._absent else 2):
+            with suppress(NotUnderstood):
+                return bool(self._link.query_whole(f"{node}:STAT?"))
+        self._absent.add(node)
+        return False
 
     def _read_one(self, unit: str, extra_s: float) -> Reading:
         value = self._link.query_number("READ?", extra_s)

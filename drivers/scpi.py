@@ -15,8 +15,13 @@ from rigctl.core.interfaces import Identity
 _ERROR = re.compile(r'([+-]?\d{1,5}),"(.*)"', re.ASCII)
 IDENTITY, ERROR_QUESTION = b"*IDN?\n", "SYST:ERR?"
 BLOCK_BYTES_MAX = 1 << 24
+_UNDEFINED_HEADER = -113
 _ERRORS_KEPT = 40
 """Read from one queue at most: twice what the deepest holds."""
+
+
+class NotUnderstood(LinkTimeout):
+    """No reply to a question that the instrument does not know, of which its error queue tells (-113 of SCPI)."""
 
 
 class ScpiLink:
@@ -156,12 +161,14 @@ class ScpiLink:
 
     def _explained(self, query: str, silence: LinkTimeout) -> LinkTimeout:
         """The time-out with the instrument's own error: a query it does not understand gets no reply."""
-        explanation = ""
+        explanation, kind = "", LinkTimeout
         with suppress(LinkError, BadReply):
             # Over a connection made anew, as after any time-out; the queue of errors outlives it.
-            explanation = '; the instrument says {},"{}"'.format(*self._error(self.query(ERROR_QUESTION)))
+            code, text = self._error(self.query(ERROR_QUESTION))
+            explanation = f'; the instrument says {code},"{text}"'
+            kind = NotUnderstood if int(code) == _UNDEFINED_HEADER else LinkTimeout
         waited = str(silence).removeprefix(f"{self.name}: {query}: ")
-        return LinkTimeout(f"{self.name}: no reply to {query}{explanation} ({waited})")
+        return kind(f"{self.name}: no reply to {query}{explanation} ({waited})")
 
     def _read_line(self, transport: Transport) -> bytes:
         return transport.read_until(b"\n", self.timeout_s)

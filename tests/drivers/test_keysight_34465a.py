@@ -22,6 +22,8 @@ from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkLost, 
 from rigctl.core.interfaces import Instrument, PacedRecorder, PacingRecorder, StreamedRecorder, Thermometer, Voltmeter
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.keysight_34465a import MeterSettings, Simulated34465A
+from simulators.keysight_34465a import instrument as simulated_instrument
+from simulators.scpi import Command
 from simulators.wiring import TriggerLine
 
 IDENTITY = "Keysight Technologies,34465A,MY12345678,A.03.01-03.15-03.01-00.52-04-02"
@@ -211,6 +213,30 @@ def test_smoothing_that_another_client_switched_on_is_switched_off() -> None:
     true = sine(started_s + 1e-3 + 0.1 * np.arange(40))
     assert bench.record(40, 0.1, 0.5)[:, 0] == pytest.approx(true, abs=1e-6)
     assert bench.paced.collect()[:, 0] == pytest.approx(true, abs=1e-6)
+
+
+def test_a_meter_without_smoothing_is_asked_for_it_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    everything, write, asked = simulated_instrument.scaling_commands, InProcessTransport.write, list[bytes]()
+
+    def without_smoothing(meter: Any) -> tuple[Command, ...]:
+        return tuple(each for each in everything(meter) if "SMOothing" not in each.pattern)
+
+    def heard(transport: InProcessTransport, data: bytes) -> None:
+        asked.append(data)
+        write(transport, data)
+
+    monkeypatch.setattr(simulated_instrument, "scaling_commands", without_smoothing)
+    monkeypatch.setattr(InProcessTransport, "write", heard)
+    bench = Bench()
+    for _ in range(2):
+        bench.paced.arm(10, 0.1)
+        started_s = bench.pacing.start(10, 0.1)
+        expected = sine(started_s + 1e-3 + 0.1 * np.arange(10))
+        assert bench.record(10, 0.1, 0.5)[:, 0] == pytest.approx(expected, abs=1e-6)
+        assert bench.paced.collect()[:, 0] == pytest.approx(expected, abs=1e-6)
+    # Twice by each of the two: a question may have been garbled on its way.
+    assert asked.count(b"CALC:SMO:STAT?\n") == 4
+    assert asked.count(b"CALC:SCAL:STAT?\n") == 8
 
 
 def test_a_record_that_was_smoothed_on_its_way_is_refused() -> None:
