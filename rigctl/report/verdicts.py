@@ -63,7 +63,7 @@ def comparison_sentence(comparison: Findings) -> str:
 def noise_sentence(findings: Findings) -> str:
     """How large the noise is, of what kind, and from what that is known: the same in every command."""
     entries = findings.get("noise") or []
-    parts = [_noise(each) for each in entries if each["source"] != "samples"]
+    parts = [_noise(each) + _shared(each) for each in entries if each["source"] != "samples"]
     if spectra := len(entries) - len(parts):
         parts.append(f"{counted(spectra, 'series', 'series')} as the runs' own samples tell")
     return f"Noise: {'; '.join(parts)}." if parts else ""
@@ -84,6 +84,12 @@ def _noise(entry: Findings) -> str:
     return (
         f"{name} {entry['model']}{along}, {size} by the resolution of {step}, as the scatter of {told} is no larger"
     )
+
+
+def _shared(entry: Findings) -> str:
+    """What of the noise readings of one batch have in common; "" where they share nothing."""
+    sizes = [f"{with_unit(number(sigma), entry['unit'])} by {of}" for of, sigma in entry.get("batches", {}).items()]
+    return f", of which readings share {' and '.join(sizes)}" if sizes else ""
 
 
 def excluded_sentence(findings: Findings) -> str:

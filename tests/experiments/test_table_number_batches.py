@@ -16,9 +16,13 @@ from rigctl.experiments.table.batches import are_too_many, correlation, level_of
 from rigctl.experiments.table.between import Between, shapes_between
 from rigctl.experiments.table.explained import significant_between
 from rigctl.experiments.table.study import TableStudy
+from rigctl.report.quantities import number
+from rigctl.report.verdicts import noise_sentence
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import SharedOffset
+from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.fit import fit
 
 SET_POINTS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], set[str]]] = {
     "sine": (lambda x: np.sin(2.0 * np.pi * x / 5.3 + 0.4), {"periodic[x]"}),
@@ -75,6 +79,18 @@ def test_lots_that_are_numbered_are_batches_as_if_they_were_words(seed: int) -> 
     assert offsets(numbered) == pytest.approx(offsets(named_lots), rel=0.05)
     assert set(offsets(numbered)) == {"lot"}
     assert diagnose(numbered, ()).verdict == diagnose(named_lots, ()).verdict == "adequate"
+
+
+def test_a_comparison_and_a_ladder_tell_one_rms_beside_the_noise_of_single_readings() -> None:
+    """Of lots whose offsets are twice the readings' own noise of 1."""
+    table = study(lots(1, 16, 5), "b0 + b1*a")
+    found, fitted = compare(table, ()), fit(table, ())
+    (channel,) = found.channels
+    assert channel.rms == pytest.approx(fitted.rms["y"].value)
+    # The 64 degrees of freedom within lots know it to a tenth.
+    assert channel.noise == pytest.approx(1.0, abs=0.3)
+    said = noise_sentence(found.as_json())
+    assert said.endswith(f", of which readings share {number(found.noise[0].batches['lot'])} by lot.")
 
 
 def test_a_batch_does_not_depend_on_unit_zero_or_names_of_its_numbers() -> None:

@@ -17,6 +17,7 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
 from rigctl.workbench.verdict.noise_entries import noise_entries
+from rigctl.workbench.verdict.offsets import own_sigma, without_offsets
 from rigctl.workbench.verdict.score import p_of
 from rigctl.workbench.verdict.stated_sigma import stated_sigma
 from rigctl.workbench.verdict.uneven_scatter import uneven_scatter
@@ -40,7 +41,8 @@ def compared(attempt: Attempt, account: Account, version: int, kept: Mapping[str
     """What a fitted attempt leaves; of a comparison that is `kept`, `as_json`, what takes long is not asked again."""
     given, left = attempt.model.observations, attempt.whitened()
     channels = []
-    plain, raw = attempt.noise.total_sigma(), attempt.unexplained()
+    # As a ladder has it: beside offsets that data share, what a version lacks would not show.
+    plain, raw = own_sigma(given, attempt.noise.total_sigma()), without_offsets(given, attempt.unexplained())
     for number, series in enumerate(given.series):
         rows = given.series_of == number
         if rows.any():

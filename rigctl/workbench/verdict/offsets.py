@@ -30,10 +30,20 @@ def without_offsets(given: Observations, residuals: FloatArray) -> FloatArray:
     """Residuals (n,) less the offsets that data share, as best predicted from them (Henderson's equations)."""
     if not given.offsets:
         return residuals
-    single = 1.0 - sum(each.share**2 for each in given.offsets)
+    single = _own(given)
     # With V the correlation of all: what is a datum's own is (single I) V^-1 of the residuals.
     own = single * given.correlated.solve_transposed(given.correlated.solve(residuals / given.sigma))
     return np.asarray(own * given.sigma)
+
+
+def own_sigma(given: Observations, sigma: FloatArray) -> FloatArray:
+    """Of the standard deviation (n,) of data what is each datum's own, beside the offsets that data share."""
+    return np.asarray(sigma * np.sqrt(_own(given)))
+
+
+def _own(given: Observations) -> float:
+    """The part of the variance that is each datum's own."""
+    return 1.0 - sum(each.share**2 for each in given.offsets)
 
 
 def with_offsets(given: Observations, noise: Noise) -> Noise:
