@@ -325,6 +325,15 @@ class ScansWithin(Study, Protocol):
         """Between which positive values such a place is looked for, by the name in the term's choice."""
 
 
+@runtime_checkable
+class HoldsPlaces(Study, Protocol):
+    """A study with parameters that a fit holds where they were found, such as the place of a step."""
+
+    def placed(self, model: Model, terms: Sequence[Term], whiten: Callable[[FloatArray], FloatArray]) -> Model:
+        """The model of these terms with such places where they fit best in noise that `whiten` makes independent: the
+        same model where they lie there already."""
+
+
 @dataclass(frozen=True)
 class Proposal:
     """A run, or a reading, that could be made next: `settings` by name, with units in the names.

@@ -9,18 +9,22 @@ from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording,
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.known_noise import KnownNoise
+from rigctl.workbench.verdict.noise import Correlation, Noise
 
 ROWS, DRAWS = 60, 200
 NAME = "step[x_mm].at"
 
 
-def _study(x: FloatArray, y: FloatArray, sigma: FloatArray | None = None) -> TableStudy:
+def _study(x: FloatArray, y: FloatArray, sigma: FloatArray | None = None, **more: object) -> TableStudy:
     columns = {"y_v": y, "x_mm": x} | ({} if sigma is None else {"u_v": sigma})
     spec: dict[str, object] = {
         "response": "y_v",
         "baseline": "b0 + b1 * x_mm",
         "start": {},
         "sigma": None if sigma is None else "u_v",
+        **more,
     }
     record = RunRecord(READINGS, READINGS, "import", {})
     return TableStudy(
@@ -58,3 +62,35 @@ def test_a_clear_step_lies_anywhere_between_its_two_neighbours() -> None:
     at, spread = _place(_study(x, y))
     assert at == 9.5
     assert spread == pytest.approx(1.0 / np.sqrt(12.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("effect", ["step[x_mm]", "periodic[x_mm]", "exponential[x_mm]"])
+def test_a_place_is_where_readings_that_weigh_by_their_uncertainties_fit_best(effect: str) -> None:
+    """The first readings are a hundred times as coarse as the last."""
+    rng = np.random.default_rng(1)
+    x = np.sort(rng.uniform(0.0, 10.0, ROWS))
+    sigma = 0.02 * np.exp(5.0 - x / 2.0)
+    shapes = {"step[x_mm]": x > 6.0, "periodic[x_mm]": np.sin(2.1 * x), "exponential[x_mm]": np.exp(0.7 * x - 5.0)}
+    model = _study(x, 0.2 * shapes[effect] + sigma * rng.normal(size=ROWS), sigma).model([Term(effect)])
+    (choice,) = (term.choice for term in model.terms)
+    known = {"at": 6.0, "period": 2.0 * np.pi / 2.1, "rate": 0.7}
+    (name,) = known.keys() & choice.keys()
+    assert choice[name] == pytest.approx(known[name], rel=0.1)
+
+
+def test_a_step_stays_in_correlated_noise_where_it_fits_best() -> None:
+    """A curve that the model lacks is slow noise to it; in white noise the step would go where the curve bends."""
+    x, rng = np.arange(120.0), np.random.default_rng(2)
+    study = _study(x, 3.0 * np.cos(x / 19.0) + 1.0 * (x > 80.0) + 0.05 * rng.normal(size=120), order="x_mm")
+    slow = 4.0 * np.exp(-np.abs(np.subtract.outer(x, x)) / 60.0) + 0.0025 * np.eye(120)
+    factor, term = np.linalg.cholesky(slow), Term("step[x_mm]", {"at": 80.5})
+    white = study.model([term])
+    assert [each.choice for each in white.terms] != [{"at": 80.5}]
+    model = study.placed(white, [term], lambda columns: np.linalg.solve(factor, columns))
+    assert [each.choice for each in model.terms] == [{"at": 80.5}]
+    assert study.placed(model, [term], lambda columns: np.linalg.solve(factor, columns)) is model
+    noise = Noise(
+        np.ones(120), np.full(120, np.inf), ((np.arange(120), factor),), (Correlation("exp 60", 1600.0),)
+    )
+    known = KnownNoise(noise, Attempt(study, ()).estimator, study.observations, lambda: noise)
+    assert Attempt(study, (term,), known=known).estimates()[NAME].value == 80.5

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from typing import Any
@@ -19,8 +19,8 @@ from rigctl.experiments.table.catalogue import base_of, why_not
 from rigctl.experiments.table.model.form import Form
 from rigctl.experiments.table.model.model import TableModel, as_result, fitted
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece, PluginPiece
-from rigctl.experiments.table.model.scanned import Scanned
-from rigctl.experiments.table.model.start import POINTS_MAX, place, solve
+from rigctl.experiments.table.model.scanned import Scanned, Step
+from rigctl.experiments.table.model.start import POINTS_MAX, place, place_of_step, solve
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.proposals import options
 from rigctl.experiments.table.spanned import Spanned
@@ -107,6 +107,21 @@ class TableStudy(StudyBase[TableData]):
         curved = len(self.data.readings.expression.linear_in()) < len(self.data.start)
         return self._settled(model) if curved and pieces and not self.data.imagined else model
 
+    def placed(self, model: Model, terms: Sequence[Term], whiten: Callable[[FloatArray], FloatArray]) -> TableModel:
+        """See `rigctl.workbench.study.HoldsPlaces`."""
+        assert isinstance(model, TableModel)
+        pieces, asked = list(model.pieces), {term.effect: term.choice for term in terms}
+        # Twice: each is first placed beside others that may move yet.
+        for i, piece in [*enumerate(pieces)] * 2:
+            if isinstance(piece, ColumnPiece) and isinstance(piece.form, Step):
+                held, residual = self._beside(pieces[:i] + pieces[i + 1 :])
+                near = asked[piece.term.effect].get(piece.form.scanned, piece.choice[piece.form.scanned])
+                choice = piece.form.full_choice(place_of_step(piece.form, held, residual, near, whiten))
+                pieces[i] = replace(piece, term=Term(piece.term.effect, choice))
+        if tuple(piece.term for piece in pieces) == model.terms:
+            return model
+        return replace(model, pieces=tuple(pieces), starts=self._starts(pieces))
+
     def _settled(self, model: TableModel) -> TableModel:
         """The model starting where its fit ends: beside a curved baseline a scan is only a first guess."""
         first = fitted(model)
@@ -188,15 +203,20 @@ class TableStudy(StudyBase[TableData]):
         """The piece with its scanned parameter where it fits best beside the others."""
         form = piece.form
         assert isinstance(form, Scanned)
-        beside = [each for each in others if _is_linear(each)]
-        weight = self.data.readings.sigma[:, None]
-        # Linear about the baseline's own fit: good enough to find a place, which is then fitted.
-        signal, slopes = self.data.baseline
-        held = np.concatenate([slopes, *(_basis(each, slopes) for each in beside)], axis=1)
+        held, residual = self._beside(others)
         near = piece.choice.get(form.scanned)
-        value = place(form, held / weight, (self.observations.value - signal) / weight[:, 0], near)
+        value = place(form, held, residual, 1.0 / self.data.readings.sigma, near)
         choice = {**form.full_choice(value), **{k: v for k, v in piece.choice.items() if k != form.scanned}}
         return ColumnPiece(Term(piece.term.effect, choice), form, piece.response_unit)
+
+    def _beside(self, others: Sequence[Piece | GroupPiece]) -> tuple[FloatArray, FloatArray]:
+        """What is fitted beside a piece, (n, m), and what the baseline leaves, (n,).
+
+        Linear about the baseline's own fit: good enough to find a place, which is then fitted.
+        """
+        signal, slopes = self.data.baseline
+        held = np.concatenate([slopes, *(_basis(each, slopes) for each in others if _is_linear(each))], axis=1)
+        return held, self.observations.value - signal
 
     def _starts(self, pieces: Sequence[Piece | GroupPiece]) -> FloatArray:
         """The baseline's curved parameters as it alone is fitted; everything linear solved for beside them."""

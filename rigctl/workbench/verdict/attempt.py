@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,9 +13,9 @@ import numpy as np
 
 from rigctl.analysis.summed_columns import SummedColumns, SummedScan
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import DataError
+from rigctl.core.errors import UNFIT, DataError
 from rigctl.workbench.families import families_of
-from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, ScansWithin, Study, Term
+from rigctl.workbench.study import Candidate, HoldsPlaces, NotTestable, ScansBetween, ScansWithin, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, Uncertainty, fit_with_given_noise, stated_noise
 from rigctl.workbench.verdict.generic import Best
@@ -118,9 +119,23 @@ class Attempt(FittedModel):
             else:
                 fits = with_estimated_noise_again(first, self.estimator, ended.values[1:])
             self._questions = self._questions.at(fits[-1].result.values)
-        last = fits[-1]
+        last = self._placed(fits[-1])
         self.ends = Ends(tuple(each.values for each in fits), last.held)
-        super().__init__(model, last.noise, last.held, last.result)
+        super().__init__(last.model, last.noise, last.held, last.result)
+
+    def _placed(self, fitted: FittedModel) -> FittedModel:
+        """The fit with the places that it holds where they fit best in correlated noise: a study knows of none."""
+        if not fitted.noise.factors or not isinstance(self.study, HoldsPlaces):
+            return fitted
+        model = self.study.placed(fitted.model, self.terms, fitted.noise.whiten)
+        if model is fitted.model:
+            return fitted
+        with suppress(*UNFIT):
+            moved = fit_with_given_noise(model, {}, fitted.noise, fitted.held)
+            if moved.result.chi2 < fitted.result.chi2:
+                self._questions = Questions(self.study, model, moved.result.values)
+                return moved
+        return fitted
 
     def judged_by(self, known: KnownNoise | None) -> Attempt:
         """The same attempt where its noise is known from itself: what has been asked of it is not asked again."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -23,6 +23,7 @@ POINTS_MAX = 1500
 
 _DRAWS, _TRIED = 400, 8
 _MODEST = 8
+_PLACES_AT_ONCE = 32
 _RANK = 1e-13
 FREE = 1e-9
 """Of a step's square: with less left beside all else that is fitted it is no step of its own."""
@@ -106,16 +107,17 @@ def baseline_start(readings: Readings) -> FloatArray:
     return min(starts, key=lambda start: _chi2(readings, start))
 
 
-def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | None) -> float:
+def place(form: Scanned, held: FloatArray, residual: FloatArray, weight: FloatArray, near: float | None) -> float:
     """The scanned value that, with its linear parameters, leaves least of `residual` beside the columns `held`.
 
-    From `near` to its neighbours on the grid, or over the whole grid; all arrays whitened over n rows.
+    From `near` to its neighbours on the grid, or over the whole grid; `weight` (n,) is one over the readings' sigma.
     """
-    space = span_of(held)
-    left = residual - space @ (space.T @ residual)
+    space = span_of(weight[:, None] * held)
+    left = weight * residual
+    left = left - space @ (space.T @ left)
 
     def misfit(value: float) -> float:
-        basis = form.basis(form.full_choice(float(value)))
+        basis = weight[:, None] * form.basis(form.full_choice(float(value)))
         basis = basis - space @ (space.T @ basis)
         # By the few columns' Gram matrix: this is asked a hundred times for every model.
         square, vectors = np.linalg.eigh(basis.T @ basis)
@@ -125,15 +127,14 @@ def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | N
 
     grid = form.grid(POINTS_MAX)
     if isinstance(form, Step):
-        start = near if near is not None else _best_step(form, grid, space, left)
+        start = near if near is not None else _best_step(form, grid, space, left, weight)
     else:
         start = near if near is not None else float(min(grid, key=misfit))
-    low = float(grid[grid < start].max(initial=-np.inf))
-    high = float(grid[grid > start].min(initial=np.inf))
+    low, high = _neighbours(grid, start)
     # The misfit of a step is constant between neighbouring values: all places are looked at.
     if isinstance(form, Step):
         places = form.places(low, high)
-        return _best_step(form, places, space, left) if places.size else start
+        return _best_step(form, places, space, left, weight) if places.size else start
     low, high = (edge if np.isfinite(edge) else start * factor for edge, factor in ((low, 0.8), (high, 1.25)))
     best = minimize_scalar(
         misfit,
@@ -144,13 +145,40 @@ def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | N
     return float(best.x) if best.fun <= misfit(start) else start
 
 
-def _best_step(step: Step, places: FloatArray, space: FloatArray, left: FloatArray) -> float:
-    """Of rising places the one that explains most of what is `left` (n,) beside an orthonormal `space` (n, m)."""
+def place_of_step(
+    step: Step, held: FloatArray, residual: FloatArray, near: float, whiten: Callable[[FloatArray], FloatArray]
+) -> float:
+    """The same of a step from `near` to its neighbours on the grid, in noise that `whiten` makes independent."""
+    places = step.places(*_neighbours(step.grid(POINTS_MAX), near))
+    space = span_of(whiten(held))
+    left = whiten(residual)
+    left = left - space @ (space.T @ left)
+    best = near
+    # Of very many a few at once, then those between their best and its neighbours.
+    while places.size:
+        some = places[:: -(-places.size // _PLACES_AT_ONCE)]
+        columns = whiten(step.scan([step.full_choice(float(at)) for at in some])[:, :, 0])
+        along, square = left @ columns, np.sum(columns**2, axis=0)
+        kept = square - np.sum((space.T @ columns) ** 2, axis=0)
+        seen = kept > FREE * square
+        best = float(some[int(np.argmax(np.where(seen, along**2 / np.where(seen, kept, 1.0), -1.0)))])
+        low, high = _neighbours(some, best)
+        places = places[(places > low) & (places < high)] if some.size < places.size else places[:0]
+    return best
+
+
+def _neighbours(grid: FloatArray, value: float) -> tuple[float, float]:
+    """The points of a grid on either side of a value, infinite beyond its ends."""
+    return float(grid[grid < value].max(initial=-np.inf)), float(grid[grid > value].min(initial=np.inf))
+
+
+def _best_step(step: Step, places: FloatArray, space: FloatArray, left: FloatArray, weight: FloatArray) -> float:
+    """Of rising places the one that explains most of what is `left` (n,), weighted, beside an orthonormal `space`
+    (n, m)."""
     sums = StepSums(step.column.values, places)
-    past = np.bincount(np.searchsorted(places, step.column.values, side="left"), minlength=len(places) + 1)
-    square = np.cumsum(past[::-1])[::-1][1:].astype(np.float64)
-    along = sums.along(np.column_stack([left, space]))[:, :, 0]
-    kept = square - np.sum(along[1:] ** 2, axis=0)
+    along = sums.along(weight[:, None] * np.column_stack([left, weight, space]))[:, :, 0]
+    square = along[1]
+    kept = square - np.sum(along[2:] ** 2, axis=0)
     seen = kept > FREE * square
     return float(places[int(np.argmax(np.where(seen, along[0] ** 2 / np.where(seen, kept, 1.0), -1.0)))])
 
