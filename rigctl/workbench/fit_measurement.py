@@ -77,7 +77,9 @@ def _slopes(attempt: Attempt, covariance: FloatArray, found: Mapping[str, Any]) 
 def parameter_sources(attempt: Attempt) -> list[Source]:
     """What each pool of noise, each prior and each known input does to the parameters of a fit; covariances (m, m) in
     their units."""
-    covariance, jacobian = attempt.result.covariance, attempt.jacobian
+    covariance, jacobian = np.nan_to_num(attempt.result.covariance), attempt.jacobian
+    # A parameter that is not determined makes no other uncertain.
+    of_its_own = 0.0 * attempt.result.covariance
     found = []
     for name, kind, rows, dof, origin in _rows(attempt):
         moved = covariance @ jacobian[rows].T if rows.dtype.kind in "iu" else covariance @ (rows @ jacobian).T
@@ -87,7 +89,7 @@ def parameter_sources(attempt: Attempt) -> list[Source]:
             weights[rows] = attempt.weights[rows]
             part = attempt.noise_beside_fit.variance_of(weights)
         # Readings have noise of their own each time, also where its size is stated.
-        found.append(Source(name, kind, part, dof, origin=origin, common=name == PRIORS))
+        found.append(Source(name, kind, part + of_its_own, dof, origin=origin, common=name == PRIORS))
     for inputs, by_inputs in attempt.by_inputs:
         said = ", ".join(f"{u:.3g}" for u in np.sqrt(np.diag(inputs.covariance)))
         found.append(Source(", ".join(inputs.names), "B", by_inputs, inputs.dof, said, "constants of the baseline"))

@@ -205,8 +205,12 @@ class Attempt(FittedModel):
 
     @cached_property
     def weights(self) -> FloatArray:
-        """Of the data in each estimate of a parameter, (n, m): to first order estimates are sums of the data."""
-        return self.noise.weights_of(self.jacobian[: len(self.result.residuals)] @ self.result.covariance)
+        """Of the data in each estimate of a parameter, (n, m): to first order estimates are sums of the data.
+
+        None where a parameter is not determined: it stays where it is.
+        """
+        known = np.nan_to_num(self.result.covariance)
+        return self.noise.weights_of(self.jacobian[: len(self.result.residuals)] @ known)
 
     def columns(self, candidate: Candidate) -> FloatArray:
         """A candidate's whitened derivative with rows for the priors, shape (n + priors, d)."""
