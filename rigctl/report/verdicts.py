@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigctl.report.quantities import counted, number, p_value, quantity, share, with_unit
+from rigctl.workbench.findings import MOST_TERMS
 from rigctl.workbench.scatter import LEAST_DOF
 
 Findings = Mapping[str, Any]
@@ -196,6 +197,12 @@ def transfer_sentence(transfer: Findings) -> str:
 
 def verdict_sentence(diagnosis: Findings) -> str:
     """Which physical effect is missing, in a sentence or two."""
+    if len(diagnosis["suggested"]) < MOST_TERMS:
+        return _verdict(diagnosis)
+    return f"{_verdict(diagnosis)} A diagnosis ends with {MOST_TERMS} effects: ask again once they are added."
+
+
+def _verdict(diagnosis: Findings) -> str:
     suggested = diagnosis["suggested"]
     if diagnosis["verdict"] == "adequate":
         adequate = (

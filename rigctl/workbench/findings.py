@@ -13,6 +13,9 @@ from rigctl.workbench.study import Observations, Term
 
 Verdict = Literal["adequate", "effect", "ambiguous", "unknown"]
 
+MOST_TERMS = 8
+"""So many effects a diagnosis suggests at most: it has to end, well beyond the three that it is tried on."""
+
 
 @dataclass(frozen=True)
 class Estimate:

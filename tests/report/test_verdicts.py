@@ -92,6 +92,13 @@ def test_what_slow_noise_may_hide_is_said_with_the_sizes_that_would_show() -> No
     assert then == "In which order, and when, to measure so that it shows, rigctl next tells."
 
 
+@pytest.mark.parametrize(("count", "ends"), [(7, False), (8, True)])
+def test_a_diagnosis_that_ends_with_as_many_effects_as_it_may_says_so(count: int, ends: bool) -> None:
+    effects = tuple(f"e{number}" for number in range(count))
+    said = verdict_sentence(diagnosis("effect", *map(rank, effects), suggested=effects))
+    assert said.endswith(" A diagnosis ends with 8 effects: ask again once they are added.") is ends
+
+
 def test_each_verdict_is_a_sentence_and_a_command() -> None:
     adequate = diagnosis("adequate")
     assert "adequate" in verdict_sentence(adequate)

@@ -188,6 +188,18 @@ def test_of_few_readings_stated_uncertainties_stay_and_what_contradicts_them_is_
         assert stated_sentence(said).startswith("Stated uncertainties do not fit the scatter")
 
 
+def test_what_an_effect_explains_is_no_fault_of_few_stated_uncertainties() -> None:
+    """Twelve readings about a curve, as well as is stated."""
+    x = np.linspace(0.0, 60.0, 12)
+    noise = 0.1 * np.random.default_rng(1).standard_normal(12)
+    account = account_of(
+        study({"y_v": x + 0.01 * x**2 + noise, "load_n": x, "u_v": np.full(12, 0.1)}, sigma="u_v"), [()]
+    )
+    diagnosis = diagnose(account.richest.study, (), account=account)
+    assert [term.effect for term in diagnosis.suggested] == ["power2[load_n]"]
+    assert diagnosis.stated_sigma is None
+
+
 def test_of_few_readings_chi_square_and_uncertainties_are_those_of_what_is_stated() -> None:
     compare, diagnosis, fit = told(few(0.01, 0.5))
     assert fit["parameters"]["b0"]["sigma"] == pytest.approx(0.5 * np.sqrt(11.0 / 21.0))

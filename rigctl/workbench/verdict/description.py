@@ -32,7 +32,7 @@ def described(given: Observations, best: Best, score: Score) -> Unexplained:
         "sign": 0 if shape.harmonic else int(np.sign(estimate[0])),
     }
     sign = "" if shape.harmonic or estimate[0] > 0 else "-"
-    words = [f"{series.name} is off by {sign}{size:.3g} ± {sigma:.2g} {series.unit}".replace("  ", " ")]
+    words = [f"{series.name} is off by {sign}{size:.3g} ± {sigma:.2g} {series.unit}".replace("  ", " ").rstrip()]
     if shape.harmonic:
         details["phase_deg"] = float(np.degrees(np.arctan2(estimate[1], estimate[0])))
         times = "" if shape.harmonic == 1 else f"{shape.harmonic} "

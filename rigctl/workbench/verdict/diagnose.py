@@ -81,7 +81,8 @@ def diagnose(
         hidden_in_slow_noise=hidden_in_slow_noise(final, alpha),
         or_correlated_noise=or_noise,
         scatter=uneven_scatter(account.richest, LEVEL),
-        stated_sigma=stated_sigma(account.richest),
+        # Uncertainties that stay as stated are told by chi-square, which what was found has a part in.
+        stated_sigma=stated_sigma(final if account.known is None else account.richest),
         excluded=first.model.observations.excluded,
     )
 

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from rigctl.core.errors import UNFIT
+from rigctl.workbench.findings import MOST_TERMS
 from rigctl.workbench.study import Line, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.beside_shapes import (
@@ -43,8 +44,6 @@ from rigctl.workbench.verdict.significance import (
 from rigctl.workbench.verdict.simplest import most_evident_first, simplest
 from rigctl.workbench.verdict.unrecorded import imitations
 
-# Well beyond the three hidden effects that the search is tried on: it has to end somewhere.
-MOST_TERMS = 8
 REFITTED = 4
 """So many of the best are fitted in full before one is chosen: T is first order."""
 
