@@ -264,7 +264,9 @@ def test_only_runs_that_the_bench_can_do_are_chosen(ambiguous: tuple[Bench, Diag
     advice = recommend(study, (), found, allowed=lambda run: run.settings["frequency_hz"] < 0.55)
     assert {run.settings["frequency_hz"] for run in advice.runs} <= {0.3, 0.5}
     nothing = recommend(study, (), found, allowed=lambda _: False)
-    assert (nothing.purpose, nothing.runs) == ("none", ())
+    assert (nothing.purpose, nothing.runs, nothing.words) == ("none", (), "There is no run that the bench can do.")
+    # As in a table of words and a time.
+    assert "nothing that was recorded" in recommend(replace(study, offered=()), (), found).words
 
 
 def test_a_result_is_tightened_as_a_fit_with_these_runs_says() -> None:

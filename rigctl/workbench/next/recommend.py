@@ -38,6 +38,8 @@ from rigctl.workbench.verdict.shared import Shared
 
 MOST_RUNS = 24
 
+_NOTHING_TO_SET = "No run can be proposed: nothing that was recorded with the others is a quantity that one sets."
+
 
 @one_thread
 def recommend(
@@ -59,9 +61,11 @@ def recommend(
     if not isinstance(study, Plannable):
         return Recommendation("none", (), f"Nothing is known of what a '{study.experiment}' rig could measure next.")
     given = offered is not None
-    offered = [each for each in offered or study.options() if allowed is None or allowed(each)]
+    conceivable = offered or study.options()
+    offered = [each for each in conceivable if allowed is None or allowed(each)]
     if not offered:
-        return Recommendation("none", (), "There is no run that the bench can do.")
+        why = "There is no run that the bench can do." if conceivable else _NOTHING_TO_SET
+        return Recommendation("none", (), why)
     final = diagnosis.steps[-1].terms if diagnosis.steps else tuple(terms)
     shared = Shared()
     base, questions = rivals(study, final, diagnosis, shared)
