@@ -330,8 +330,8 @@ class HoldsPlaces(Study, Protocol):
     """A study with parameters that a fit holds where they were found, such as the place of a step."""
 
     def placed(self, model: Model, terms: Sequence[Term], whiten: Callable[[FloatArray], FloatArray]) -> Model:
-        """The model of these terms with such places where they fit best in noise that `whiten` makes independent: the
-        same model where they lie there already."""
+        """The model of these terms with such places where they fit best in noise that `whiten` makes independent, in
+        which it tells how well they are known."""
 
 
 @dataclass(frozen=True)

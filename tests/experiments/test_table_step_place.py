@@ -88,7 +88,10 @@ def test_a_step_stays_in_correlated_noise_where_it_fits_best() -> None:
     assert [each.choice for each in white.terms] != [{"at": 80.5}]
     model = study.placed(white, [term], lambda columns: np.linalg.solve(factor, columns))
     assert [each.choice for each in model.terms] == [{"at": 80.5}]
-    assert study.placed(model, [term], lambda columns: np.linalg.solve(factor, columns)) is model
     noise = Noise(np.ones(120), np.full(120, np.inf), ((np.arange(120), factor),), (Correlation("exp 60", 1600.0),))
     known = KnownNoise(noise, Attempt(study, ()).estimator, study.observations, lambda: noise)
-    assert Attempt(study, (term,), known=known).estimates()[NAME].value == 80.5
+    attempt = Attempt(study, (term,), known=known)
+    assert attempt.estimates()[NAME].value == 80.5
+    # One reading's noise is a twentieth of the step.
+    entry = study.result(attempt.model, attempt.result.values, attempt.result.covariance)[NAME]
+    assert entry["sigma"] == pytest.approx(1.0 / np.sqrt(12.0), abs=0.1)

@@ -119,8 +119,8 @@ class TableStudy(StudyBase[TableData]):
                 choice = piece.form.full_choice(place_of_step(piece.form, held, residual, near, whiten))
                 pieces[i] = replace(piece, term=Term(piece.term.effect, choice))
         if tuple(piece.term for piece in pieces) == model.terms:
-            return model
-        return replace(model, pieces=tuple(pieces), starts=self._starts(pieces))
+            return replace(model, whiten=whiten)
+        return replace(model, pieces=tuple(pieces), starts=self._starts(pieces), whiten=whiten)
 
     def _settled(self, model: TableModel) -> TableModel:
         """The model starting where its fit ends: beside a curved baseline a scan is only a first guess."""

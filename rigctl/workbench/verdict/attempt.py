@@ -128,8 +128,8 @@ class Attempt(FittedModel):
         if not fitted.noise.factors or not isinstance(self.study, HoldsPlaces):
             return fitted
         model = self.study.placed(fitted.model, self.terms, fitted.noise.whiten)
-        if model is fitted.model:
-            return fitted
+        if model.terms == fitted.model.terms:
+            return FittedModel(model, fitted.noise, fitted.held, fitted.result)
         with suppress(*UNFIT):
             moved = fit_with_given_noise(model, {}, fitted.noise, fitted.held)
             if moved.result.chi2 < fitted.result.chi2:

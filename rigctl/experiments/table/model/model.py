@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -15,7 +15,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.descent import descend
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece
 from rigctl.experiments.table.model.scanned import Periodic, Scanned, Step
-from rigctl.experiments.table.model.step_place import place_sigma
+from rigctl.experiments.table.model.step_place import place_sigma, place_sigma_in
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.asked_again import once_in_a_row
@@ -32,6 +32,8 @@ class TableModel:
     readings: Readings
     pieces: tuple[Piece | GroupPiece, ...]
     starts: FloatArray
+    whiten: Callable[[FloatArray], FloatArray] | None = None
+    """What makes the readings' noise independent, where it is correlated and known: places are judged in it."""
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
@@ -198,6 +200,8 @@ def _sigma_of_place(model: TableModel, values: FloatArray, piece: ColumnPiece, s
     # Steps on the way make curved parameters move a little: held where the fit has them.
     left = model.observations.value - model.predict(others)
     dof = model.observations.value.size - len(names)
+    if model.whiten is not None:
+        return place_sigma_in(step, float(values[at]), model.whiten, jacobian, left, dof)
     return place_sigma(step, float(values[at]), weight, jacobian * weight[:, None], left * weight, dof)
 
 
