@@ -19,6 +19,9 @@ HOLDS_WITHIN = 1.2
 NAMED = 5
 """Readings that are left out and named; of more the number is said."""
 
+WORDS_SAID = 12
+"""So many words are said with their scatter; of more the ends."""
+
 ADEQUATE_P = 0.01
 """A chi-square with a smaller p speaks against the model."""
 
@@ -135,12 +138,20 @@ def scatter_sentences(findings: Findings) -> list[str]:
     return [*said, stated] if stated else said
 
 
+def _by_word(sigmas: Mapping[str, float], unit: str) -> str:
+    """How much the readings of each word scatter; of very many words the least and the most."""
+    sizes = {word: f"{number(sigma)}{unit} at {word}" for word, sigma in sigmas.items()}
+    if len(sizes) <= WORDS_SAID:
+        return ", ".join(sizes.values())
+    least, most = min(sigmas, key=sigmas.__getitem__), max(sigmas, key=sigmas.__getitem__)
+    return f"{sizes[least]} to {sizes[most]}, of {len(sizes)}"
+
+
 def _uneven(scatter: Findings) -> str:
     unit = " times what is stated" if scatter["of_stated"] else f" {scatter['unit']}".rstrip()
     along, p = scatter["along"].replace("fitted level", "the fitted level"), p_value(scatter["p_value_corrected"])
     if scatter["by_word"]:
-        sizes = ", ".join(f"{number(sigma)}{unit} at {word}" for word, sigma in scatter["by_word"].items())
-        return f"The scatter differs by {along}: {sizes} ({p})."
+        return f"The scatter differs by {along}: {_by_word(scatter['by_word'], unit)} ({p})."
     low, high = scatter["low"], scatter["high"]
     way = "grows" if high["sigma"] > low["sigma"] else "falls"
     same = f" (as along {', '.join(scatter['same_as'])})" if scatter["same_as"] else ""

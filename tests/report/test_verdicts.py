@@ -16,6 +16,7 @@ from rigctl.report.verdicts import (
     inseparable_sentences,
     named,
     repeats_sentence,
+    scatter_sentences,
     slow_noise_sentences,
     verdict_sentence,
 )
@@ -97,6 +98,19 @@ def test_a_diagnosis_that_ends_with_as_many_effects_as_it_may_says_so(count: int
     effects = tuple(f"e{number}" for number in range(count))
     said = verdict_sentence(diagnosis("effect", *map(rank, effects), suggested=effects))
     assert said.endswith(" A diagnosis ends with 8 effects: ask again once they are added.") is ends
+
+
+@pytest.mark.parametrize(("words", "sizes"), [(2, "1 V at w0, 2 V at w1"), (40, "1 V at w0 to 40 V at w39, of 40")])
+def test_of_very_many_words_the_ends_of_the_scatter_are_said(words: int, sizes: str) -> None:
+    uneven = {
+        "along": "lot",
+        "unit": "V",
+        "of_stated": False,
+        "p_value_corrected": 0.001,
+        "by_word": {f"w{number}": number + 1.0 for number in range(words)},
+    }
+    said = scatter_sentences({"scatter": [uneven]})[0]
+    assert said == f"The scatter differs by lot: {sizes} (p = 0.001)."
 
 
 def test_each_verdict_is_a_sentence_and_a_command() -> None:
