@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 
 import numpy as np
@@ -14,6 +15,8 @@ from rigctl.workbench.verdict.score import ABSORBED
 
 # Of an eigenvalue of the Gram matrix of unit columns.
 _ROUNDING = 1e-14
+_ALIKE = 1e-3
+"""Shares that differ by no more are the same: by the last digit, which processors round each their own way."""
 _OF_EXACT = 1e-5
 """Share below which a parameter that enters exactly linearly is absorbed: a square of years is almost a line."""
 
@@ -42,10 +45,14 @@ def absorbed_parameters(
     held: list[int] = []
     while free:
         keep = _kept_shares(gram, np.setdiff1d(np.flatnonzero(size > 0.0), held), len(size))
-        # Of equals the last, so that what was in the model before stays fitted.
-        least = min(reversed(free), key=lambda place: keep[place] / least_keep[place])
-        if keep[least] >= least_keep[least]:
+        share = keep / least_keep
+        smallest = min(share[free])
+        if smallest >= 1.0:
             break
+        # Of equals one whose effect has other parts, and the last, so that what was in the model before stays fitted.
+        equals = [place for place in free if share[place] <= (1.0 + _ALIKE) * smallest]
+        parts = Counter(model.owners[place] for place in free)
+        least = max(equals, key=lambda place: (parts[model.owners[place]] > 1, place))
         held.append(least)
         free.remove(least)
     _require_a_part_of_each(model, held, scanned)
