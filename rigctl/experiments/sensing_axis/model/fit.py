@@ -20,6 +20,9 @@ from rigctl.files.package import HeadSettings, Package
 MAX_ITERATIONS = 500
 """At one angle delta_x is known to its prior only: a long curved valley, in which steps stay short."""
 
+VAGUE_RAD = 0.1
+"""A null known no better is told by what is of second order in it: roll and null at one frequency, far from both."""
+
 
 @dataclass(frozen=True)
 class NullPoint:
@@ -121,6 +124,13 @@ def _fitted(model: RecordingModel, measured: FloatArray, sigma: FloatArray) -> R
     # A null at a limit or in a valley is no null.
     if result.verdict != "converged":
         raise ProcedureError(f"the runs do not determine the model: {result.reason}")
+    nulls = [name for name in result.names if name.startswith("theta0[")]
+    if vague := [name for name in nulls if not result.sigma(name) < VAGUE_RAD]:
+        worst_deg = np.degrees(max(map(result.sigma, vague)))
+        raise ProcedureError(
+            f"the runs do not determine the model: {', '.join(vague)} to {worst_deg:.2g} deg only; "
+            "measure at another frequency, and at angles farther apart"
+        )
     return RecordingFit(model, result)
 
 
