@@ -205,6 +205,29 @@ def test_what_repeats_by_rounding_is_no_batch_whatever_is_hidden_in_another_colu
     assert offsets(study(columns, "b0")) == {}
 
 
+@pytest.mark.parametrize(
+    ("hidden", "are"),
+    [
+        (lambda u, rng: rng.normal(size=301)[np.rint(300.0 * u).astype(int)], True),
+        (lambda u, rng: np.sin(40.0 * np.pi * u), False),
+        (lambda u, rng: 5.0 * u % 1.0, False),
+        (lambda u, rng: np.exp(-0.5 * ((u - 0.4) / 0.05) ** 2), False),
+    ],
+    ids=["offsets", "sine", "saw", "peak"],
+)
+def test_what_repeats_by_chance_names_batches_where_nothing_else_says_why(
+    hidden: Callable[[FloatArray, np.random.Generator], FloatArray], are: bool
+) -> None:
+    """As often as by rounding, in 600 readings, and 40 sigma of what they share or of an effect along them."""
+    rng = np.random.default_rng(7)
+    humidity = np.round(rng.uniform(30.0, 60.0, 600), 1)
+    shared = hidden((humidity - 30.0) / 30.0, rng)
+    shared = shared - shared.mean()
+    y = 40.0 * shared / np.linalg.norm(shared) + rng.normal(size=humidity.size)
+    found = offsets(study({"y": y, "humidity": humidity, "a": rng.normal(size=humidity.size)}, "b0"))
+    assert list(found) == ["humidity"] * are
+
+
 def in_lots(seed: int, count: int, each: int, offset: float, hidden: float = 0.0) -> dict[str, FloatArray]:
     """Lots with two conditions of their own; `hidden` is an effect of c, in its standard errors between lots."""
     rng = np.random.default_rng([seed, 31])

@@ -38,6 +38,9 @@ SIGNIFICANT = 0.05
 SIGNIFICANT_NUMBER = 0.01
 """Of all numbers that repeat together: most are set-points."""
 
+SIGNIFICANT_CHANCE, VALUES_BY_CHANCE = 1e-6, 50
+"""The same of numbers that repeat as if by chance, and how many values they need."""
+
 SIGNIFICANT_EFFECT = 0.01
 _EFFECTS_MAX = 5
 _SHARE_BETWEEN = 1.0 / 3.0
@@ -118,8 +121,9 @@ class Scatter:
             # Lots are numbered one by one, what else differs between them is not.
             name = min(columns, key=lambda column: not _is_even(column)).name
             # Set-points of one quantity leave the others as they are: what they share besides is of a batch.
+            level = SIGNIFICANT_NUMBER if _is_read_evenly(columns[0]) else SIGNIFICANT_CHANCE
             if self._share_conditions(level_of(self.readings, name)) or self._shares_offsets(
-                name, columns, SIGNIFICANT_NUMBER / len(asked)
+                name, columns, level / len(asked)
             ):
                 yield name
 
@@ -266,6 +270,10 @@ def _may_name_batches(column: Column, readings: Readings) -> bool:
         return False
     if not WORDS_OF_A_SCATTER <= column.distinct.size <= column.values.size // READINGS_OF_A_NUMBER:
         return False
+    return _is_read_evenly(column) or column.distinct.size >= VALUES_BY_CHANCE
+
+
+def _is_read_evenly(column: Column) -> bool:
     count = np.unique(column.values, return_counts=True)[1]
     return bool(count.var(ddof=1) <= DISPERSION * count.mean())
 
