@@ -14,7 +14,7 @@ TABLES ?= 500
 # Programs that are started by the hundred, as tests do, are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup wheel docs docs-figures certificates console-operator console-looks console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions reliability reliability-ci reliability-full limits clean laser-dialects wire-dialects
+.PHONY: setup wheel docs docs-figures certificates console-operator console-looks console-pictures flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles missions old-processor reliability reliability-ci reliability-full limits clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -60,6 +60,10 @@ docs: setup
 # linear algebra in each: threads that wait for one another cost a fifth of the processor time.
 pytest: setup
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile --durations 40 --durations-min 10
+
+# The suite with the arithmetic of a processor without AVX: numpy, OpenBLAS and numba round otherwise there. As long as the suite.
+old-processor: setup
+	NPY_DISABLE_CPU_FEATURES=X86_V3 OPENBLAS_CORETYPE=Nehalem NUMBA_CPU_NAME=generic $(MAKE) --no-print-directory pytest
 
 # What each thing costs and how the cost grows: table and figure "Limits" of benchmarks/RESULTS.md, a quarter of an hour.
 limits: setup
