@@ -7,9 +7,9 @@ from typing import Any
 
 from rigctl.core.errors import UNFIT
 from rigctl.report.verdicts import (
-    ADEQUATE_P,
     comparison_sentence,
     inseparable_sentences,
+    is_inadequate,
     model_name,
     noise_sentence,
     stated_sentence,
@@ -33,8 +33,7 @@ def model_in_force(bench: Workbench, tell: Callable[[str], None]) -> dict[str, A
     fit = bench.model_fit()
     verdict, inseparable, lacks = _diagnosed(bench, tell)
     described = comparison_sentence(fit)
-    p_value = fit["p_value"]
-    inadequate = described if p_value is not None and p_value < ADEQUATE_P else lacks
+    inadequate = described if is_inadequate(fit) else lacks
     return {
         **said,
         "adequacy": described,

@@ -51,6 +51,12 @@ def only_rms(rung: Findings) -> float | None:
     return next((float(each["value"]) for each in (rung.get("rms") or {}).values()), None)
 
 
+def is_inadequate(comparison: Findings) -> bool:
+    """Whether the data speak against the model; not where nothing can be said."""
+    p = comparison["p_value"]
+    return p is not None and bool(p < ADEQUATE_P)
+
+
 def comparison_sentence(comparison: Findings) -> str:
     """Does the model describe the data?"""
     p, reduced, dof = comparison["p_value"], comparison["chi2_per_dof"], comparison["dof"]
@@ -59,7 +65,7 @@ def comparison_sentence(comparison: Findings) -> str:
     # Not that of chi-square alone, which a reader would work out and miss.
     asked = "for chi2, effects and shapes together"
     figures = f"chi2/dof = {number(reduced)} with {dof} degrees of freedom; {p_value(p)} {asked}"
-    if p is not None and p < ADEQUATE_P:
+    if is_inadequate(comparison):
         return f"The model does not describe the data: {figures}."
     return f"The model describes the data within their noise: {figures}."
 

@@ -209,7 +209,19 @@ def test_the_worst_of_many_channels_is_as_bad_as_chance_has_it(series: int, mark
     """Chi-square 10 of one datum: p = 0.0016, and 0.02 as the largest of fourteen."""
     channel = {"channel": "m_y", "component": "", "rms": 1.0, "noise": 1.0, "unit": "1", "data": 1}
     channels = [{**channel, "chi2": 10.0}, *[{**channel, "chi2": 1.0}] * (series - 1)]
-    assert [row[-1] for row in channels_table({"channels": channels}).rows].count("FAILS") == marked
+    assert failing({"channels": channels, "p_value": 1e-3}) == marked
+
+
+@pytest.mark.parametrize(("p_value", "marked"), [(0.061, 0), (math.nan, 0), (1e-3, 1)])
+@pytest.mark.parametrize("chi2", [120.0, 40.0])
+def test_the_only_channel_fails_where_the_model_does(p_value: float, marked: int, chi2: float) -> None:
+    """By one p-value: that considers what noise told by the same data says of a chi-square, and asks more than it."""
+    channel = {"channel": "m_y", "component": "", "rms": 1.0, "noise": 1.0, "unit": "1", "data": 40, "chi2": chi2}
+    assert failing({"channels": [channel], "p_value": p_value}) == marked
+
+
+def failing(comparison: dict[str, Any]) -> int:
+    return [row[-1] for row in channels_table(comparison).rows].count("FAILS")
 
 
 def test_a_version_without_numbers_says_why(capsys: pytest.CaptureFixture[str]) -> None:
