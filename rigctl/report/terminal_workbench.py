@@ -110,7 +110,10 @@ def _inseparable(diagnosis: Findings) -> list[str]:
 def print_versions(versions: Sequence[Findings]) -> None:
     """The versions of a model."""
     for version in versions:
-        terms = [named(term["effect"], term["choice"]) for term in version["terms"]]
+        places = version["places"]
+        terms = [
+            named(term["effect"], {**term["choice"], **places.get(term["effect"], {})}) for term in version["terms"]
+        ]
         plugins = [
             f"  {effect} from {p['path']}, SHA-256 {p['sha256'][:12]}" for effect, p in version["plugins"].items()
         ]

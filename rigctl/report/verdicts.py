@@ -331,6 +331,12 @@ def fixed_choice(rank: Findings) -> dict[str, Any]:
     }
 
 
+def fitted_choice(rank: Findings) -> dict[str, Any]:
+    """What was chosen of a candidate, and of what is fitted from there where the fit ended."""
+    fitted = rank["parameters"]
+    return {key: fitted.get(f"{rank['effect']}.{key}", {"value": at})["value"] for key, at in rank["choice"].items()}
+
+
 def sizes(rank: Findings, *, detectable: bool = False) -> list[str]:
     """Each parameter of a candidate with its value; one that is named like its effect needs no name.
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rigctl.workbench.study import Allowed
     from rigctl.workbench.verdict.account import Account
     from rigctl.workbench.verdict.attempt import Attempt
+    from rigctl.workbench.verdict.fitted_model import FittedModel
     from rigctl.workbench.verdict.likelihood import Optimum
     from rigctl.workbench.verdict.transfer import Transfer
 
@@ -313,6 +314,7 @@ class Workbench:
     def add(self, effects: Sequence[str]) -> list[ModelVersion]:
         """One new version per effect, all of them or none; `ConfigError` for one that is unknown or there already,
         `DataError` where the data do not determine the model with all of them."""
+        from rigctl.workbench.verdict.fitted_model import scanned_places
         from rigctl.workbench.verdict.promise import joint_fit
 
         self._require_known(effects)
@@ -320,11 +322,12 @@ class Workbench:
         for effect in effects:
             added.append(self._term(effect, (*now.terms, *added)))
         joint = joint_fit(versions.last_diagnosis(self.store), added)
-        self._require_determined((*now.terms, *added), added, joint)
+        fitted = self._require_determined((*now.terms, *added), added, joint)
+        places = scanned_places(fitted.model, fitted.values if joint is None else joint[0])
         last = len(added) - 1
         return [
             # The fit of all together belongs to the version that has them all.
-            versions.extend(self.store, term, self.source_of(term.effect), joint if number == last else None)
+            versions.extend(self.store, term, self.source_of(term.effect), joint if number == last else None, places)
             for number, term in enumerate(added)
         ]
 
@@ -333,13 +336,13 @@ class Workbench:
         terms: Sequence[Term],
         added: Sequence[Term],
         joint: tuple[Mapping[str, float], Sequence[str]] | None,
-    ) -> None:
-        """`DataError` unless a fit with these terms tells all of those that are `added`: every command would fail."""
+    ) -> FittedModel:
+        """A fit with these terms; `DataError` unless it tells all that are `added`: every command would fail."""
         from rigctl.workbench.verdict.fitted_model import fit_with_given_noise
 
         start, held = joint or ({}, ())
         try:
-            fit_with_given_noise(self.study.model(terms), start, held=frozenset(held))
+            return fit_with_given_noise(self.study.model(terms), start, held=frozenset(held))
         except ProcedureError as error:
             names = ", ".join(f"'{term.effect}'" for term in added)
             raise DataError(f"{names} cannot be added to a model of these data: {error}") from None

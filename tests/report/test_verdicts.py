@@ -13,6 +13,7 @@ from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, 
 from rigctl.report.verdicts import (
     advice,
     comparison_sentence,
+    fitted_choice,
     inseparable_sentences,
     named,
     repeats_sentence,
@@ -155,6 +156,13 @@ def test_what_is_unexplained_is_said_once(capsys: pytest.CaptureFixture[str]) ->
 def test_a_choice_is_told_with_its_effect() -> None:
     assert named("laser-cosine", {"head": "laser_2_mm"}) == "laser-cosine (head laser_2_mm)"
     assert named("mains-pickup", {"frequency_hz": 49.987654}) == "mains-pickup (frequency_hz 49.988)"
+
+
+def test_a_scanned_choice_is_told_where_its_fit_ended() -> None:
+    found = rank("periodic[day]", period=0.40344, origin=3.0)
+    assert fitted_choice(found) == {"period": 0.40344, "origin": 3.0}
+    found["parameters"] = {"periodic[day].period": {"value": 0.412, "sigma": 1e-3, "unit": "day"}}
+    assert fitted_choice(found) == {"period": 0.412, "origin": 3.0}
 
 
 def test_what_cannot_be_told_apart_is_told_once_for_each_effect() -> None:

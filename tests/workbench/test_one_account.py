@@ -14,6 +14,8 @@ from rigctl.campaign.store.store import Store
 from rigctl.composition import opened_workbench
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import StorageError
+from rigctl.report.quantities import number
+from rigctl.report.terminal_workbench import print_versions
 from rigctl.workbench.model import versions
 from rigctl.workbench.verdict import compare, fit
 from rigctl.workbench.verdict.account import account_of, recalled
@@ -69,7 +71,7 @@ def told(seasons: Path) -> dict[str, Any]:
         found["compare"] = bench.compare().as_json()
     with opened_workbench(seasons) as bench:
         found["diagnose"] = bench.diagnose().as_json()
-        bench.add(found["diagnose"]["suggested"])
+        found["add"] = bench.add(found["diagnose"]["suggested"])[-1].as_json()
     with opened_workbench(seasons) as bench:
         found["history"] = bench.history()
         found["fit"] = bench.fit().as_json()
@@ -175,6 +177,35 @@ def test_what_is_diagnosed_is_what_is_added(told: dict[str, Any]) -> None:
     assert joint["held"] == []
     for name, each in joint["parameters"].items():
         assert fit["parameters"][name]["value"] == pytest.approx(each["value"], abs=0.1 * each["sigma"])
+
+
+def test_a_version_is_told_with_the_place_where_its_fit_ends(
+    told: dict[str, Any], seasons: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a period that was scanned for a diagnosis chose one on a grid, and fitted it."""
+    fitted = told["fit"]["parameters"]["periodic[month].period"]
+    (chosen,) = (each["choice"]["period"] for each in told["add"]["terms"])
+    assert abs(chosen - fitted["value"]) > 1e-4
+    assert told["add"]["places"]["periodic[month]"]["period"] == pytest.approx(fitted["value"], rel=1e-6)
+    print_versions([told["add"]])
+    assert f"(period {number(fitted['value'], 5)}," in capsys.readouterr().out
+    with opened_workbench(seasons) as bench:
+        assert bench.version(2).as_json() == told["add"]
+
+
+def test_what_no_diagnosis_has_fitted_is_told_where_it_was_fitted_when_it_was_added(
+    seasons: Path, tmp_path: Path
+) -> None:
+    store = Path(shutil.copy(seasons, tmp_path))
+    with opened_workbench(store, readonly=False) as bench:
+        added = bench.add(["periodic[month]#2"])[-1].as_json()
+        values = bench.attempt(bench.current).values
+    for effect, places in added["places"].items():
+        assert places["period"] == pytest.approx(values[f"{effect}.period"], rel=1e-5)
+    assert list(added["places"]) == ["periodic[month]", "periodic[month]#2"]
+    assert versions.remove_all(Store.open(store), ["periodic[month]#2"])[0].places == {
+        "periodic[month]": added["places"]["periodic[month]"]
+    }
 
 
 def test_what_a_search_would_add_to_a_version_is_asked_once(

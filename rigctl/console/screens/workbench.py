@@ -147,7 +147,7 @@ class WorkbenchPane(Vertical):
 
     def show_diagnosis(self, diagnosis: Document) -> None:
         """`rigctl diagnose`."""
-        from rigctl.report.verdicts import named, sizes, verdict_sentence
+        from rigctl.report.verdicts import fitted_choice, named, sizes, verdict_sentence
 
         self._suggested = list(diagnosis["suggested"])
         self._ranked = list(diagnosis["ranking"])
@@ -166,7 +166,7 @@ class WorkbenchPane(Vertical):
             star = "*" if rank["effect"] in self._suggested else " "
             size = "; ".join(sizes(rank)) or "-"
             table.add_row(
-                Text(f"{star} {named(rank['effect'], rank['choice'])}"),
+                Text(f"{star} {named(rank['effect'], fitted_choice(rank))}"),
                 probability(rank["p_value_corrected"]),
                 Text(size),
                 number(rank["held_out_error_ratio"]),

@@ -11,7 +11,7 @@ from rigctl.report.chart.axes import Axes
 from rigctl.report.chart.figure import Figure
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import BLUE, INK, VERMILION, series_style
-from rigctl.report.verdicts import Findings, change_of, named, only_rms, rms_unit
+from rigctl.report.verdicts import Findings, change_of, fitted_choice, named, only_rms, rms_unit
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def ranking_plate(diagnosis: Findings) -> Plate[RankRow]:
     """Make the figure of a diagnosis, from its JSON."""
     rows = [
         RankRow(
-            named(rank["effect"], rank["choice"]),
+            named(rank["effect"], fitted_choice(rank)),
             rank["effect"] in diagnosis["suggested"],
             # For one parameter this is its size in sigmas. Rounding may leave a fall below zero where there is none.
             math.sqrt(max(rank["chi2_fall"] or 0.0, 0.0)),

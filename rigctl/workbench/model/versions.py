@@ -55,6 +55,8 @@ class ModelVersion:
 
     `plugins` are the files that brought a term, by its effect. `start` are the parameters by name where a diagnosis
     had fitted these very terms, if one had, and `held` those that it held at zero with the runs of the key `runs`.
+    `places` are, by effect, the values of what was scanned for where its fit ended when it was last fitted for a
+    version: a term's choice is where a scan has found it.
     """
 
     version: int
@@ -67,6 +69,7 @@ class ModelVersion:
     start: Mapping[str, float] | None = None
     held: tuple[str, ...] = ()
     runs: str = ""
+    places: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -84,6 +87,7 @@ class ModelVersion:
             "added": self.added,
             "removed": self.removed,
             "plugins": {effect: vars(plugin) for effect, plugin in self.plugins.items()},
+            "places": {effect: dict(places) for effect, places in self.places.items()},
         }
 
     def can_be_used_with(self, given: Sequence[PluginFile]) -> bool:
@@ -142,6 +146,7 @@ def _version(number: int, document: Document) -> ModelVersion:
         data.get("start"),
         tuple(data.get("held", ())),
         data.get("runs", ""),
+        data.get("places", {}),
     )
 
 
@@ -150,16 +155,17 @@ def extend(
     term: Term,
     plugin: PluginFile | None = None,
     fitted: tuple[Mapping[str, float], Sequence[str]] | None = None,
+    places: Mapping[str, Mapping[str, float]] | None = None,
 ) -> ModelVersion:
     """A new version with one more term, which `plugin` brought; `ConfigError` when the term is there already.
 
-    `fitted` are the parameters where its fit starts, and those of them that are held.
+    `fitted` are the parameters where its fit starts, and those of them that are held, `places` those of its effects.
     """
     last = current(store)
     if term in last.terms:
         raise there_already(term.effect)
     plugins = {**last.plugins, term.effect: plugin} if plugin else last.plugins
-    return _keep(store, last, (*last.terms, term), plugins, added=term.effect, fitted=fitted)
+    return _keep(store, last, (*last.terms, term), plugins, added=term.effect, fitted=fitted, places=places)
 
 
 def remove(store: Store, effect: str) -> ModelVersion:
@@ -185,7 +191,9 @@ def _keep(
     added: str | None = None,
     removed: str | None = None,
     fitted: tuple[Mapping[str, float], Sequence[str]] | None = None,
+    places: Mapping[str, Mapping[str, float]] | None = None,
 ) -> ModelVersion:
+    places = {**last.places, **(places or {})}
     known = {} if fitted is None else {"start": dict(fitted[0]), "held": list(fitted[1]), "runs": runs_key(store)}
     store.add_document(
         VERSION,
@@ -195,6 +203,7 @@ def _keep(
             "added": added,
             "removed": removed,
             "plugins": {effect: vars(plugin) for effect, plugin in plugins.items()},
+            "places": {term.effect: dict(places[term.effect]) for term in terms if term.effect in places},
             **known,
         },
     )

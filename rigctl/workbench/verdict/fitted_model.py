@@ -316,6 +316,17 @@ def scanned_parameters(model: Model) -> frozenset[str]:
     return frozenset(each.name for each, owner in pairs if owner and each.prior is not None)
 
 
+def scanned_places(model: Model, values: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """By effect what was scanned for of it, at these values by name."""
+    places: dict[str, dict[str, float]] = {}
+    chosen = {term.effect: term.choice for term in model.terms}
+    for each, owner in zip(model.parameters, model.owners, strict=True):
+        name = each.name.rpartition(".")[2]
+        if name in chosen.get(owner, {}):
+            places.setdefault(owner, {})[name] = values[each.name]
+    return places
+
+
 def _fit(
     model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float], *, fitted: bool = False
 ) -> FitResult:
