@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rigctl.effects.catalogue import Effect  # what prints numbers needs no catalogue
@@ -26,6 +27,15 @@ def quantity(value: float | None, sigma: float | None, unit: str = "") -> str:
     decimals = max(0, 1 + scale - _exponent(sigma))
     pair = f"{value / 10.0**scale:.{decimals}f} ± {sigma / 10.0**scale:.{decimals}f}"
     return with_unit(f"({pair})e{scale:+03d}" if scale else pair, unit)
+
+
+def estimate(entry: Mapping[str, Any], unit: str = "") -> str:
+    """A fitted parameter by its `value` and `sigma`, which is NaN, in JSON null, where the fit held it at that value:
+    for others imitate it, or at a limit beyond which chi-square would fall on."""
+    value, sigma = entry["value"], entry["sigma"]
+    if value is not None and math.isfinite(value) and (sigma is None or not math.isfinite(sigma)):
+        return f"not determined, held at {with_unit(number(value, 6), unit)}"
+    return quantity(value, sigma, unit)
 
 
 def number(value: float | None, digits: int = 3) -> str:

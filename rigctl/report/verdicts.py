@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigctl.report.quantities import counted, number, p_value, quantity, share, with_unit
+from rigctl.report.quantities import counted, estimate, number, p_value, quantity, share, with_unit
 from rigctl.workbench.findings import MOST_TERMS
 from rigctl.workbench.scatter import LEAST_DOF
 
@@ -345,7 +345,7 @@ def sizes(rank: Findings, *, detectable: bool = False) -> list[str]:
     shown = []
     for name, size in rank["parameters"].items():
         parameter = name.removeprefix(rank["effect"]).lstrip(".")
-        shown.append(f"{parameter} = {quantity(size['value'], size['sigma'], size['unit'])}".lstrip())
+        shown.append(f"{parameter} = {estimate(size, size['unit'])}".lstrip())
         least = rank["smallest_detectable"].get(name) if detectable else None
         if least is not None and math.isfinite(least):
             shown.append(f"    would show from {with_unit(number(least), size['unit'])}")

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigctl.report.quantities import probability, quantity
-from rigctl.report.tables.workbench import channels_table, ranking_table
+from rigctl.report.tables.workbench import channels_table, ladder_table, parameters_table, ranking_table
 from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_history
 from rigctl.report.verdicts import (
     advice,
@@ -18,6 +18,7 @@ from rigctl.report.verdicts import (
     named,
     repeats_sentence,
     scatter_sentences,
+    sizes,
     slow_noise_sentences,
     verdict_sentence,
 )
@@ -156,6 +157,21 @@ def test_what_is_unexplained_is_said_once(capsys: pytest.CaptureFixture[str]) ->
 def test_a_choice_is_told_with_its_effect() -> None:
     assert named("laser-cosine", {"head": "laser_2_mm"}) == "laser-cosine (head laser_2_mm)"
     assert named("mains-pickup", {"frequency_hz": 49.987654}) == "mains-pickup (frequency_hz 49.988)"
+
+
+@pytest.mark.parametrize("sigma", [math.nan, None])
+def test_a_parameter_that_a_fit_held_says_so_wherever_it_is_told(sigma: float | None) -> None:
+    """Kept in a store NaN is null: a rate at the end of its scan was told as "-0.05" there."""
+    rate = {"value": -0.05, "sigma": sigma, "unit": "1/s"}
+    said = "not determined, held at -0.05"
+    found = rank("exponential[t_s]")
+    found["parameters"] = {"exponential[t_s].rate": rate}
+    assert sizes(found) == [f"rate = {said} 1/s"]
+    rung = {"version": 1, "effects": [], "added": None, "removed": None, "result": {"rate": rate}}
+    (row,) = ladder_table([{**rung, "chi2_per_dof": 1.0, "error_fit": 1.0, "error_held_out": 1.0}]).rows
+    assert row[0].endswith(f"rate = {said} 1/s")
+    fit = {"effects": [], "parameters": {"rate": rate}, "result": {}, "p_value": 0.5, "chi2_per_dof": 1.0, "dof": 9}
+    assert parameters_table({**fit, "error_fit": 1.0, "error_held_out": 1.0}).rows == [["rate", said, "1/s"]]
 
 
 def test_a_scanned_choice_is_told_where_its_fit_ended() -> None:

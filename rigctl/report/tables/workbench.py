@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigctl.report.quantities import number, probability, quantity
+from rigctl.report.quantities import estimate, number, probability, quantity
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.report.verdicts import (
     ADEQUATE_P,
@@ -28,7 +28,7 @@ def parameters_table(fit: Findings) -> ResultTable:
     """Parameters of a fit and how well they describe the data."""
     of_effects = {name: each for name, each in fit["result"].items() if name.rpartition(".")[0] in fit["effects"]}
     estimates = dict(fit["parameters"]) | of_effects
-    rows = [[name, quantity(each["value"], each["sigma"]), each["unit"]] for name, each in estimates.items()]
+    rows = [[name, estimate(each), each["unit"]] for name, each in estimates.items()]
     held_out = number(fit["error_held_out"])
     notes = [
         comparison_sentence(fit),
@@ -153,7 +153,7 @@ def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable
     for name, pair in transfer["parameters"].items():
         apart = pair["sigmas_apart"]
         if abs(apart or 0.0) >= least_sigmas:
-            here, there = (quantity(pair[side]["value"], pair[side]["sigma"]) for side in ("here", "there"))
+            here, there = (estimate(pair[side]) for side in ("here", "there"))
             rows.append([name, here, there, "-" if apart is None else f"{apart:+.1f}", pair["here"]["unit"]])
     title = "Parameters that differ" if least_sigmas else "Parameters"
     return ResultTable(title, ["parameter", "here", "there", "#sigmas apart", "unit"], rows)
@@ -162,5 +162,6 @@ def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable
 def _short(entry: Any) -> str:
     """One entry of a result: value, sigma and unit where it has them."""
     if isinstance(entry, Mapping) and isinstance(entry.get("value"), int | float):
-        return quantity(entry["value"], entry.get("sigma"), entry.get("unit", ""))
+        unit = entry.get("unit", "")
+        return estimate(entry, unit) if "sigma" in entry else quantity(entry["value"], None, unit)
     return str(entry)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def fitted(
         error_fit=attempt.error(),
         error_held_out=attempt.held_out_error,
         residuals=attempt.whitened(),
-        result=attempt.study.result(attempt.model, result.values, attempt.uncertainty.covariance),
+        result=_result(attempt),
         rms=rms_by_channel(attempt),
         minus_2_log_l=most_likely.minus_2_log_l,
         held_out_log_score=attempt.held_out.log_score(attempt.noise.log_determinant()),
@@ -64,6 +65,12 @@ def fitted(
         warnings=tuple(warnings),
         excluded=attempt.model.observations.excluded,
     )
+
+
+def _result(attempt: Attempt) -> dict[str, Any]:
+    """What the experiment is for; of parameters that are held no uncertainty is known, as among the parameters."""
+    found = attempt.study.result(attempt.model, attempt.result.values, attempt.uncertainty.covariance)
+    return {name: {**each, "sigma": np.nan} if name in attempt.held else each for name, each in found.items()}
 
 
 def rms_by_channel(attempt: Attempt) -> dict[str, Rms]:
