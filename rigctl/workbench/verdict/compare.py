@@ -19,7 +19,7 @@ from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.offsets import own_sigma, without_offsets
 from rigctl.workbench.verdict.score import p_of
-from rigctl.workbench.verdict.stated_sigma import stated_sigma
+from rigctl.workbench.verdict.stated_sigma import stated_sigma_beside_all
 from rigctl.workbench.verdict.uneven_scatter import uneven_scatter
 
 WORST = 10
@@ -76,7 +76,7 @@ def compared(attempt: Attempt, account: Account, version: int, kept: Mapping[str
         lack_of_fit=lack_of_fit(attempt),
         # Of the model with all that was found: what a version lacks would look like scatter.
         scatter=uneven_scatter(account.richest, LEVEL),
-        stated_sigma=stated_sigma(account.richest),
+        stated_sigma=stated_sigma_beside_all(attempt, account),
         observations=given,
         residuals=left,
     )

@@ -16,7 +16,7 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.likelihood import Optimum, maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.offsets import without_offsets
-from rigctl.workbench.verdict.stated_sigma import stated_sigma
+from rigctl.workbench.verdict.stated_sigma import stated_sigma_beside_all
 
 
 @one_thread
@@ -60,7 +60,7 @@ def fitted(
         minus_2_log_l=most_likely.minus_2_log_l,
         held_out_log_score=attempt.held_out.log_score(attempt.noise.log_determinant()),
         noise=noise_entries(attempt),
-        stated_sigma=stated_sigma(account.richest),
+        stated_sigma=stated_sigma_beside_all(attempt, account),
         held=tuple(sorted(attempt.held)),
         warnings=tuple(warnings),
         excluded=attempt.model.observations.excluded,

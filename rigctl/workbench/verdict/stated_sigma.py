@@ -9,6 +9,7 @@ from scipy import special
 
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.scatter import LEAST_DOF, StatedSigma
+from rigctl.workbench.verdict.account import Account
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.uneven_scatter import independent_residuals
 
@@ -20,6 +21,15 @@ TOLD = 3.0
 _LEAST, _MOST = 1e-6, 1e6
 
 
+def stated_sigma_beside_all(attempt: Attempt, account: Account) -> StatedSigma | None:
+    """The same beside all that is found: what a version lacks is no fault of what is stated."""
+    if account.known is not None or not _is_stated(attempt):
+        return stated_sigma(account.richest)
+    # Where the noise stays as stated the account has looked for nothing.
+    search = account.search(attempt.study, attempt.terms, seed=attempt.seed, fitted=attempt)
+    return stated_sigma(search.attempt(search.terms))
+
+
 def stated_sigma(attempt: Attempt) -> StatedSigma | None:
     """What the scatter says of uncertainties that are stated; None where it does not contradict them.
 
@@ -27,9 +37,8 @@ def stated_sigma(attempt: Attempt) -> StatedSigma | None:
     stays as stated, chi-square says it, and what the model lacks is among the scatter.
     """
     given, noise = attempt.model.observations, attempt.noise
-    stated = len(given.pools) == 1 and given.pools[0].stated and not noise.factors
     kept = not attempt.estimator.from_scatter
-    if not stated or attempt.result.dof < (1 if kept else LEAST_DOF):
+    if not _is_stated(attempt) or attempt.result.dof < (1 if kept else LEAST_DOF):
         return None
     # In units of what is stated; as if no reading had drawn the fit to it.
     square = (independent_residuals(attempt) * noise.sigma / given.sigma) ** 2
@@ -50,6 +59,11 @@ def stated_sigma(attempt: Attempt) -> StatedSigma | None:
     if abs(gained) > TOLD:
         likelier = "added" if gained > 0.0 else "factor"
     return StatedSigma(factor, (added.size, added.sigma), unit, p_value, likelier, gained)
+
+
+def _is_stated(attempt: Attempt) -> bool:
+    pools = attempt.model.observations.pools
+    return len(pools) == 1 and pools[0].stated and not attempt.noise.factors
 
 
 def _p_of_chi2(attempt: Attempt) -> float:
