@@ -103,8 +103,11 @@ def _inseparable(diagnosis: Findings) -> list[str]:
         if pair["from"].startswith("baseline:") or {pair["effect"], pair["from"]} & set(diagnosis["suggested"])
     ]
     others = len(diagnosis["inseparable"]) - len(concerns)
-    more = [f"and {counted(others, 'pair')} of other effects: --json has them"] if others else []
-    return [*inseparable_sentences(concerns), *more]
+    said = inseparable_sentences(concerns)
+    if others:
+        them = "it" if others == 1 else "them"
+        said.append(f"{'and ' if said else ''}{counted(others, 'pair')} of other effects: --json has {them}")
+    return said
 
 
 def print_versions(versions: Sequence[Findings]) -> None:

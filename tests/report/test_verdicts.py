@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import re
 from typing import Any
 
 import pytest
 
 from rigctl.report.quantities import probability, quantity
 from rigctl.report.tables.workbench import channels_table, ladder_table, parameters_table, ranking_table
-from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_history
+from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_fit, print_history
 from rigctl.report.verdicts import (
     advice,
     comparison_sentence,
@@ -188,6 +190,40 @@ def test_what_cannot_be_told_apart_is_told_once_for_each_effect() -> None:
     ]
     (told,) = inseparable_sentences(pairs)
     assert told == "bench-recoil cannot be told from the baseline's theta0 (moves theta0 by 2 arcsec), yaw"
+
+
+@pytest.mark.parametrize(
+    ("suggested", "said"),
+    [((), "  1 pair of other effects: --json has it"), (("a",), "  and 1 pair of other effects: --json has it")],
+)
+def test_pairs_that_concern_nobody_are_counted_whether_or_not_others_are_named(
+    suggested: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pairs = [{"effect": "a", "from": "b", "shift": ""}, {"effect": "c", "from": "d", "shift": ""}]
+    pairs = pairs if suggested else pairs[1:]
+    print_diagnosis(diagnosis("effect" if suggested else "adequate", suggested=suggested, inseparable=pairs), "store")
+    assert said in capsys.readouterr().out.splitlines()
+
+
+def test_of_very_many_parameters_a_terminal_shows_the_ends(capsys: pytest.CaptureFixture[str]) -> None:
+    """A slope for each of 79 words filled hundreds of lines of every table; a page and JSON have them all."""
+    slopes = {f"slope[w{i:02}]": {"value": float(i), "sigma": 0.5, "unit": "V"} for i in range(79)}
+    errors = {"chi2_per_dof": 1.0, "error_fit": 1.0, "error_held_out": 1.0}
+    fit = {**errors, "effects": [], "parameters": slopes, "result": {}, "p_value": 0.5, "dof": 9, "version": 1}
+    found = rank("slope")
+    found["parameters"] = slopes
+    print_fit(fit)
+    print_history([{**fit, "added": None, "removed": None, "result": slopes}])
+    print_diagnosis(diagnosis("effect", found, suggested=("slope",)), "store")
+    # The line of a version, and of an effect, counts too.
+    parts = re.split(r"\.\.\. 6[34] more, --json has all", capsys.readouterr().out)
+    assert len(parts) == 4
+    for before, after in itertools.pairwise(parts):
+        assert "w10" in before
+        assert "w12" not in before
+        assert "w74" not in after
+        assert "w75" in after
+    assert len(parameters_table(fit).rows) == 79
 
 
 def test_a_comparison_without_degrees_of_freedom_says_nothing_of_the_model() -> None:

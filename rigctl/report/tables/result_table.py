@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from textwrap import wrap
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -14,8 +14,13 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+T = TypeVar("T")
+
 _WHOLE = 10_000
 """Columns of a file: more than any line has."""
+
+_MOST, _FIRST, _LAST = 24, 12, 4
+"""Of more rows, and lines of a cell, a terminal shows the first and the last."""
 
 _READABLE = 16
 """A column of words is no narrower."""
@@ -27,7 +32,7 @@ class ResultTable:
 
     `title` says what it shows, `notes` what is to be said besides; without rows there are only these. `marked` rows
     need attention. The console's results screen shows tables of the same `tab` together. What is not `printed` is
-    too long for a terminal.
+    too long for a terminal; of what is `shortened` it shows the ends where there are very many rows.
     """
 
     title: str
@@ -37,11 +42,19 @@ class ResultTable:
     notes: Sequence[str] = ()
     tab: str = "Result"
     printed: bool = True
+    shortened: bool = False
 
     @property
     def marks(self) -> Sequence[bool]:
         """Whether each row is marked."""
         return self.marked or [False] * len(self.rows)
+
+    def in_short(self) -> ResultTable:
+        """With the first and the last of very many rows, and of the lines of a cell."""
+        rows = [["\n".join(_ends(cell.split("\n"), str)) for cell in row] for row in self.rows]
+        empty = [""] * (len(self.columns) - 1)
+        marks = _ends(list(self.marks), lambda _: False)
+        return replace(self, rows=_ends(rows, lambda more: [more, *empty]), marked=marks)
 
     def filled(self) -> ResultTable:
         """Without the columns in which nothing stands."""
@@ -50,12 +63,21 @@ class ResultTable:
         return replace(self, columns=[self.columns[i] for i in kept], rows=rows)
 
 
+def _ends(items: Sequence[T], said: Callable[[str], T]) -> list[T]:
+    """The first and the last of very many, and between them what is `said` of the others; else all."""
+    left_out = len(items) - _FIRST - _LAST
+    if len(items) <= _MOST:
+        return list(items)
+    return [*items[:_FIRST], said(f"... {left_out} more, --json has all"), *items[-_LAST:]]
+
+
 def print_tables(tables: Iterable[ResultTable]) -> None:
     """Tables one after the other: title, rows, notes. A terminal's width is kept; a file has every line whole."""
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console = Console(width=_WHOLE, soft_wrap=True)
-    for each in tables:
+    for table in tables:
+        each = table.in_short() if table.shortened else table
         if each.title:
             console.print(each.title, highlight=False, markup=False)
         if each.rows:

@@ -35,7 +35,9 @@ def parameters_table(fit: Findings) -> ResultTable:
         f"error {number(fit['error_fit'])}, on held-out runs {held_out} (1.00 = noise)",
         *filter(None, [noise_sentence(fit), stated_sentence(fit)]),
     ]
-    return ResultTable(f"Fit of {model_name(fit['effects'])}", ["parameter", "#value", "unit"], rows, notes=notes)
+    return ResultTable(
+        f"Fit of {model_name(fit['effects'])}", ["parameter", "#value", "unit"], rows, notes=notes, shortened=True
+    )
 
 
 def channels_table(comparison: Findings) -> ResultTable:
@@ -89,7 +91,9 @@ def ranking_table(diagnosis: Findings, most: int) -> ResultTable:
     if len(shown) < len(ranking):
         notes.append(f"{len(ranking) - len(shown)} more, none of them significant")
     columns = ["effect (*: suggested)", "#p corr.", "#chi2 fall", "#held out"]
-    return ResultTable("Candidates", columns, rows, [rank["effect"] in suggested for rank in shown], notes)
+    return ResultTable(
+        "Candidates", columns, rows, [rank["effect"] in suggested for rank in shown], notes, shortened=True
+    )
 
 
 def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTable:
@@ -107,7 +111,7 @@ def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTa
     notes += [f"version {rung['version']}: not fitted: {rung['note']}" for rung in rungs if "note" in rung]
     rms = [] if unit is None else [_over("#rms", unit)]
     columns = ["version", *rms, "#chi2/dof", "#error", "#held out"]
-    return ResultTable("Error ladder", columns, rows, notes=notes)
+    return ResultTable("Error ladder", columns, rows, notes=notes, shortened=True)
 
 
 MOST_IN_LADDER = 8
@@ -156,7 +160,7 @@ def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable
             here, there = (estimate(pair[side]) for side in ("here", "there"))
             rows.append([name, here, there, "-" if apart is None else f"{apart:+.1f}", pair["here"]["unit"]])
     title = "Parameters that differ" if least_sigmas else "Parameters"
-    return ResultTable(title, ["parameter", "here", "there", "#sigmas apart", "unit"], rows)
+    return ResultTable(title, ["parameter", "here", "there", "#sigmas apart", "unit"], rows, shortened=True)
 
 
 def _short(entry: Any) -> str:
