@@ -134,14 +134,26 @@ def slow_noise_sentences(diagnosis: Findings) -> list[str]:
 
 
 def scatter_sentences(findings: Findings) -> list[str]:
-    """Along what scatter changes, with weights that do it justice; how stated uncertainties fail; [] for neither."""
+    """Which reading is far from all others; along what scatter changes, with weights that do it justice; how stated
+    uncertainties fail; [] for none."""
     said = [_uneven(each) for each in findings.get("scatter") or []]
     if said:
         said.append(
             "Readings that weigh by it tell more: put the sigma of each in a column that [table] sigma names."
         )
-    stated = stated_sentence(findings)
-    return [*said, stated] if stated else said
+    return [each for each in (_far_sentence(findings), *said, stated_sentence(findings)) if each]
+
+
+def _far_sentence(findings: Findings) -> str:
+    far = findings.get("far_reading")
+    if not far:
+        return ""
+    scatter = with_unit(number(far["scatter"]), far["unit"])
+    off, following = number(far["sigmas"]), number(far["following"])
+    return (
+        f"{far['run_id']} is far from all others: off by {off} times their scatter of {scatter}, the next by "
+        f"{following} ({p_value(far['p_value'])}). Look at it: marked invalid it counts nowhere, nor for the noise."
+    )
 
 
 def _by_word(sigmas: Mapping[str, float], unit: str) -> str:

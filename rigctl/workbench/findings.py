@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.hidden import HiddenInNoise
-from rigctl.workbench.scatter import LackOfFit, StatedSigma, UnevenScatter
+from rigctl.workbench.scatter import FarReading, LackOfFit, StatedSigma, UnevenScatter
 from rigctl.workbench.study import Observations, Term
 
 Verdict = Literal["adequate", "effect", "ambiguous", "unknown"]
@@ -118,6 +118,7 @@ class Comparison:
     lack_of_fit: LackOfFit | None
     scatter: tuple[UnevenScatter, ...]
     stated_sigma: StatedSigma | None
+    far_reading: FarReading | None
     observations: Observations
     residuals: FloatArray
 
@@ -141,6 +142,7 @@ class Comparison:
             "lack_of_fit": None if self.lack_of_fit is None else vars(self.lack_of_fit),
             "scatter": [each.as_json() for each in self.scatter],
             "stated_sigma": None if self.stated_sigma is None else self.stated_sigma.as_json(),
+            "far_reading": None if self.far_reading is None else vars(self.far_reading),
             **_said_of_excluded(self.observations.excluded),
         }
 
@@ -270,6 +272,7 @@ class Diagnosis:
     """Where noise that is slower than this tells may pass for an effect along the order."""
     scatter: tuple[UnevenScatter, ...] = ()
     stated_sigma: StatedSigma | None = None
+    far_reading: FarReading | None = None
     next_measurement: Mapping[str, Any] | None = None
     impossible: Mapping[str, str] = field(default_factory=dict)
     """Effects that explain the data by values that nature never has, and which."""
@@ -299,6 +302,7 @@ class Diagnosis:
             "or_correlated_noise": [{"effect": effect, "order": order} for effect, order in self.or_correlated_noise],
             "scatter": [each.as_json() for each in self.scatter],
             "stated_sigma": None if self.stated_sigma is None else self.stated_sigma.as_json(),
+            "far_reading": None if self.far_reading is None else vars(self.far_reading),
             "next_measurement": dict(self.next_measurement or {}),
             **_said_of_excluded(self.excluded),
         }

@@ -63,6 +63,19 @@ class UnevenScatter:
 
 
 @dataclass(frozen=True)
+class FarReading:
+    """A reading that is off from what all others say by `sigmas` times their `scatter`, which is in `unit`; the next
+    of them is by `following`. `p_value` is that of the farthest of so many."""
+
+    run_id: str
+    sigmas: float
+    following: float
+    p_value: float
+    scatter: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class StatedSigma:
     """Stated uncertainties beside the scatter: each times `factor`, or `added` to each in quadrature.
 

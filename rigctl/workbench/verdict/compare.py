@@ -15,6 +15,7 @@ from rigctl.workbench.verdict.account import LEVEL, Account, account_of
 from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
+from rigctl.workbench.verdict.far_reading import far_reading
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.offsets import own_sigma, without_offsets
@@ -77,6 +78,7 @@ def compared(attempt: Attempt, account: Account, version: int, kept: Mapping[str
         # Of the model with all that was found: what a version lacks would look like scatter.
         scatter=uneven_scatter(account.richest, LEVEL),
         stated_sigma=stated_sigma_beside_all(attempt, account),
+        far_reading=far_reading(account.richest),
         observations=given,
         residuals=left,
     )

@@ -15,6 +15,7 @@ from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.alike import inseparable_effects
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.description import described
+from rigctl.workbench.verdict.far_reading import far_reading
 from rigctl.workbench.verdict.fit import rms_by_channel
 from rigctl.workbench.verdict.impossible import OfOneSign, impossible_parameters
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_as_a_whole, unexplained_between_settings
@@ -83,6 +84,7 @@ def diagnose(
         scatter=uneven_scatter(account.richest, LEVEL),
         # Uncertainties that stay as stated are told by chi-square, which what was found has a part in.
         stated_sigma=stated_sigma(final if account.known is None else account.richest),
+        far_reading=far_reading(account.richest),
         excluded=first.model.observations.excluded,
     )
 
