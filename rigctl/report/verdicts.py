@@ -22,6 +22,9 @@ NAMED = 5
 WORDS_SAID = 12
 """So many words are said with their scatter; of more the ends."""
 
+LEAST_SHARE = 0.01
+"""Of a variance: less of it that may be correlated changes no figure that is told."""
+
 ADEQUATE_P = 0.01
 """A chi-square with a smaller p speaks against the model."""
 
@@ -82,6 +85,11 @@ def noise_sentence(findings: Findings) -> str:
 def _noise(entry: Findings) -> str:
     name = f"{entry['channel']} {entry['component']}".strip()
     along = f" along {entry['order']}" if entry["order"] and entry["model"] != "white" else ""
+    correlated = entry.get("correlated_share", 0.0)
+    if entry["model"] == "white" and correlated >= LEAST_SHARE:
+        # The variance is that of a mean of laws: residuals show little of what is slow.
+        percent = f"{number(100.0 * correlated, 2)} %"
+        along = f", or correlated along {entry['order']} ({percent} of the variance, by the odds of both)"
     size = f"{number(entry['sigma'])} {entry['unit']}".strip()
     if entry["source"] == "stated" and not math.isfinite(entry["dof"] or math.inf):
         kept = f"below {LEAST_DOF} degrees of freedom the scatter does not correct that"

@@ -38,8 +38,9 @@ class NoiseEntry:
 
     `sigma` is the standard deviation, rms where it differs by row, from `dof` degrees of freedom; `scale` what a
     stated sigma was multiplied by. Correlated noise goes along `order`, as a power law with an `exponent` or a
-    relaxation with a `time_constant`, and is `correlated_share` of the variance. `resolution` is that of the data
-    where it tells the noise, and not their scatter.
+    relaxation with a `time_constant`, and is `correlated_share` of the variance in the mean of laws that data are
+    whitened with, of which `model` is the likeliest. `resolution` is that of the data where it tells the noise, and
+    not their scatter.
     """
 
     channel: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rigctl.analysis.correlated_groups import variances
 from rigctl.core.arrays import IntArray
 from rigctl.workbench.findings import NoiseEntry
 from rigctl.workbench.study import NoisePool, Observations
@@ -51,10 +52,20 @@ def _entry(
         scale=_six_digits(float(np.median(noise.sigma[rows] / given.sigma[rows]))) if stated else 1.0,
         exponent=_six_digits(correlation.shape) if correlation.kind == "power" else None,
         time_constant=_six_digits(correlation.shape) if correlation.kind == "exp" else None,
-        correlated_share=_six_digits(correlation.ratio / (1.0 + correlation.ratio)),
+        correlated_share=_six_digits(_correlated_share(given, noise, rows)),
         batches={offset.name: _six_digits(offset.share * sigma) for offset in given.offsets},
         resolution=_six_digits(first.resolution) if _is_rounding(noise, rows, first) else None,
     )
+
+
+def _correlated_share(given: Observations, noise: Noise, rows: IntArray) -> float:
+    """Of the variance of these data what is correlated along their order, in the mean of all laws that is used: where
+    white is the likeliest, others may have most of it."""
+    white = noise.sigma**2
+    variance = white.copy()
+    for where, factor in noise.factors[len(given.factors) :]:
+        variance[where] *= variances(factor)
+    return 1.0 - float(np.sum(white[rows]) / np.sum(variance[rows]))
 
 
 def _is_rounding(noise: Noise, rows: IntArray, pool: NoisePool) -> bool:
