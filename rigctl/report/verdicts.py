@@ -22,9 +22,6 @@ NAMED = 5
 WORDS_SAID = 12
 """So many words are said with their scatter; of more the ends."""
 
-LEAST_SHARE = 0.01
-"""Of a variance: less of it that may be correlated changes no figure that is told."""
-
 ADEQUATE_P = 0.01
 """A chi-square with a smaller p speaks against the model."""
 
@@ -86,8 +83,9 @@ def _noise(entry: Findings) -> str:
     name = f"{entry['channel']} {entry['component']}".strip()
     along = f" along {entry['order']}" if entry["order"] and entry["model"] != "white" else ""
     correlated = entry.get("correlated_share", 0.0)
-    if entry["model"] == "white" and correlated >= LEAST_SHARE:
-        # The variance is that of a mean of laws: residuals show little of what is slow.
+    # Less than a variance is uncertain by, which its degrees of freedom say, is no matter.
+    if entry["model"] == "white" and correlated > math.sqrt(2.0 / (entry["dof"] or math.inf)):
+        # It is the variance of a mean of laws: residuals show little of what is slow.
         percent = f"{number(100.0 * correlated, 2)} %"
         along = f", or correlated along {entry['order']} ({percent} of the variance, by the odds of both)"
     size = f"{number(entry['sigma'])} {entry['unit']}".strip()

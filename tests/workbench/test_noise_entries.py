@@ -43,3 +43,11 @@ def test_of_readings_in_no_order_the_noise_is_white_and_no_more_is_said() -> Non
     (entry,) = noise_entries(attempt(None))
     assert entry.correlated_share == 0.0
     assert noise_sentence({"noise": [entry.as_json()]}).startswith(f"Noise: y_v white, {entry.sigma:.3g} V from ")
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.24, False), (0.26, True)])
+def test_less_than_the_variance_is_uncertain_by_is_not_said(share: float, said: bool) -> None:
+    """By 25 %, from 32 degrees of freedom."""
+    (entry,) = noise_entries(attempt("x_s"))
+    told = noise_sentence({"noise": [{**entry.as_json(), "correlated_share": share, "dof": 32.0}]})
+    assert (", or correlated along x_s" in told) is said
