@@ -12,14 +12,17 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.noise_entries import noise_entries
 
 
-def attempt(order: str | None) -> Attempt:
-    """Sixty readings, of which each has a little of the one before."""
+def attempt(order: str | None, lots: tuple[str, ...] = ()) -> Attempt:
+    """Sixty readings, of which each has a little of the one before, and those of one of many lots an offset."""
     x, noise = np.arange(60.0), np.random.default_rng([4, 60]).standard_normal(60)
     for at in range(1, 60):
         noise[at] += 0.3 * noise[at - 1]
     table = {"response": "y_v", "baseline": "b0", "start": {}} | ({"order": order} if order else {})
-    columns = {READINGS: {"y_v": noise, "x_s": x}}
-    record = RunRecord(READINGS, READINGS, "import", {})
+    columns = {
+        READINGS: {"y_v": noise + np.repeat(np.arange(len(lots) or 1) % 5.0, 60 // (len(lots) or 1)), "x_s": x}
+    }
+    texts = {"lot": list(np.repeat(lots, 60 // len(lots)))} if lots else {}
+    record = RunRecord(READINGS, READINGS, "import", texts)
     return Attempt(
         TableStudy(Recording(Header("table", extra={"table": table}), (record,), columns, ImportReport(1))), ()
     )
@@ -43,6 +46,12 @@ def test_of_readings_in_no_order_the_noise_is_white_and_no_more_is_said() -> Non
     (entry,) = noise_entries(attempt(None))
     assert entry.correlated_share == 0.0
     assert noise_sentence({"noise": [entry.as_json()]}).startswith(f"Noise: y_v white, {entry.sigma:.3g} V from ")
+
+
+def test_beside_offsets_no_variance_is_more_by_what_may_be_slow() -> None:
+    (entry,) = noise_entries(attempt("x_s", tuple("abcdefghijkl")))
+    assert list(entry.batches) == ["lot"]
+    assert (entry.model, entry.correlated_share) == ("white", 0.0)
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.24, False), (0.26, True)])

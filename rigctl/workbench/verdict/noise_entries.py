@@ -52,15 +52,18 @@ def _entry(
         scale=_six_digits(float(np.median(noise.sigma[rows] / given.sigma[rows]))) if stated else 1.0,
         exponent=_six_digits(correlation.shape) if correlation.kind == "power" else None,
         time_constant=_six_digits(correlation.shape) if correlation.kind == "exp" else None,
-        correlated_share=_six_digits(_correlated_share(given, noise, rows)),
+        correlated_share=_six_digits(_correlated_share(given, noise, rows, correlation)),
         batches={offset.name: _six_digits(offset.share * sigma) for offset in given.offsets},
         resolution=_six_digits(first.resolution) if _is_rounding(noise, rows, first) else None,
     )
 
 
-def _correlated_share(given: Observations, noise: Noise, rows: IntArray) -> float:
+def _correlated_share(given: Observations, noise: Noise, rows: IntArray, likeliest: Correlation) -> float:
     """Of the variance of these data what is correlated along their order, in the mean of all laws that is used: where
     white is the likeliest, others may have most of it."""
+    if given.offsets:
+        # Beside them what is slow takes the place of a part of a datum's own: the variance is no more with it.
+        return likeliest.ratio / (1.0 + likeliest.ratio)
     white = noise.sigma**2
     variance = white.copy()
     for where, factor in noise.factors[len(given.factors) :]:
