@@ -188,6 +188,19 @@ def test_of_few_readings_stated_uncertainties_stay_and_what_contradicts_them_is_
         assert stated_sentence(said).startswith("Stated uncertainties do not fit the scatter")
 
 
+def test_beside_offsets_scatter_is_told_of_what_is_a_readings_own() -> None:
+    """Readings of ten lots, whose offsets are ten times as large as their own scatter."""
+    columns, lots = table(1, "load"), np.arange(ROWS) % 10
+    shared = np.random.default_rng(12).normal(0.0, 1.0, 10)[lots]
+    of_lots = {**columns, "y_v": columns["y_v"] + shared, "lot": [f"lot {lot}" for lot in lots]}
+    (found,), (alone,) = (uneven_scatter(fitted(each), 0.01) for each in (of_lots, columns))
+    assert found.along == alone.along == LEVEL
+    for end, without in ((found.low, alone.low), (found.high, alone.high)):
+        assert end is not None
+        assert without is not None
+        assert abs(np.log(end[1] / without[1])) < 1.0
+
+
 def test_what_an_effect_explains_is_no_fault_of_few_stated_uncertainties() -> None:
     """Twelve readings about a curve, as well as is stated."""
     x = np.linspace(0.0, 60.0, 12)

@@ -19,6 +19,7 @@ from rigctl.workbench.scatter import LEAST_DOF, LEVEL, UnevenScatter
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.noise import orthonormal
+from rigctl.workbench.verdict.offsets import own_sigma
 from rigctl.workbench.verdict.score import UNDETERMINED
 
 MOST = 3
@@ -73,7 +74,8 @@ class _Unit:
     def __init__(self, attempt: Attempt) -> None:
         given, noise = attempt.model.observations, attempt.noise
         self.of_stated = any(pool.stated for pool in given.pools)
-        sigma = noise.total_sigma() / (given.sigma if self.of_stated else 1.0)
+        # What is a reading's own: offsets that readings share are no scatter.
+        sigma = own_sigma(given, noise.total_sigma()) / (given.sigma if self.of_stated else 1.0)
         self.scale = float(np.sqrt(np.mean(sigma**2)))
         self.name = "" if self.of_stated else given.series[0].unit
 
