@@ -64,8 +64,8 @@ class UnevenScatter:
 
 @dataclass(frozen=True)
 class FarReading:
-    """A reading that is off from what all others say by `sigmas` times their `scatter`, which is in `unit`; the next
-    of them is by `following`. `p_value` is that of the farthest of so many."""
+    """A reading that is off from what all others say by `sigmas` times their `scatter`, which is in `unit` and a
+    reading's own, beside what readings share; the next of them is by `following`. `p_value` is that of the farthest of so many."""
 
     run_id: str
     sigmas: float

@@ -18,14 +18,17 @@ from rigctl.workbench.verdict.far_reading import FAR, far_reading
 ROWS, SIGMA_V = 17, 0.1
 
 
-def study(noise: FloatArray, row: int = 11, sigmas: float = 0.0) -> TableStudy:
-    """Readings about a line, one of them so far off."""
+def study(noise: FloatArray, row: int = 11, sigmas: float = 0.0, lots: int = 0) -> TableStudy:
+    """Readings about a line, one of them so far off, in so many lots with large offsets of their own."""
     load_n = np.linspace(0.0, 10.0, len(noise))
     y_v = 1.0 + 0.3 * load_n + SIGMA_V * noise
     y_v[row] += sigmas * SIGMA_V
+    lot = np.arange(len(noise)) % max(lots, 1)
+    y_v += 10.0 * np.random.default_rng(9).standard_normal(max(lots, 1))[lot] * bool(lots)
+    texts = {"lot": [f"lot {each}" for each in lot]} if lots else {}
     header = Header("table", extra={"table": {"response": "y_v", "baseline": "b0 + b1 * load_n", "start": {}}})
     columns = {READINGS: {"y_v": y_v, "load_n": load_n}}
-    return TableStudy(Recording(header, (RunRecord(READINGS, READINGS, "import", {}),), columns, ImportReport(1)))
+    return TableStudy(Recording(header, (RunRecord(READINGS, READINGS, "import", texts),), columns, ImportReport(1)))
 
 
 def drawn(seed: int, tails: str = "normal") -> FloatArray:
@@ -58,6 +61,15 @@ def test_it_is_named_with_what_all_others_say(row: int, sigmas: float) -> None:
 def test_none_is_named_where_none_is_far(tails: str) -> None:
     """At a nominal 1 %; 5 of 40 are one in a thousand at 2 %."""
     assert sum(far_reading(Attempt(study(drawn(seed, tails)), ())) is not None for seed in range(40)) < 5
+
+
+def test_in_a_lot_it_is_off_by_what_is_a_readings_own() -> None:
+    noise = np.random.default_rng(3).standard_normal(80)
+    found = far_reading(Attempt(study(noise, sigmas=20.0, lots=8), ()))
+    assert found is not None
+    assert found.run_id == "row 12"
+    # Lots are a hundred times as far apart; what they share is told with the reading in.
+    assert found.scatter == pytest.approx(SIGMA_V, rel=0.5)
 
 
 def test_nor_where_another_is_nearly_as_far() -> None:

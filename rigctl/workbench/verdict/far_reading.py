@@ -7,6 +7,8 @@ next is not much nearer.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy import special
 
@@ -30,19 +32,20 @@ def far_reading(attempt: Attempt) -> FarReading | None:
         return None
     farthest = int(np.argmax(np.abs(independent_residuals(attempt))))
     alone = np.zeros((len(given.value), 1))
-    alone[farthest] = attempt.noise.total_sigma()[farthest]
+    alone[farthest] = 1.0
     column = attempt.whitened_columns(alone)
     free = attempt.projector.free(column)[:, 0]
-    size = float(np.linalg.norm(free))
-    if size**2 < _LEAST_FREE * float(np.sum(column**2)):
+    # One over the standard deviation that a reading there has beside all others, and beside what they say.
+    whole, size = float(np.linalg.norm(column)), float(np.linalg.norm(free))
+    if size**2 < _LEAST_FREE * whole**2:
         return None
     # As if the fit knew nothing of it.
     off = float(free @ attempt.projector.left) / size
     others = attempt.projector.left - off * free / size
-    scatter = np.sqrt(max(float(others @ others) / dof, attempt.noise.least))
+    scatter = math.sqrt(max(float(others @ others) / dof, attempt.noise.least))
     t, following = off / scatter, float(np.abs(others).max()) / scatter
     p_value = min(1.0, 2.0 * len(given.value) * float(special.stdtr(dof, -abs(t))))
     if not p_value < SIGNIFICANT or not abs(t) > FAR * following:
         return None
-    sigma = float(scatter * np.sqrt(np.mean(attempt.noise.total_sigma() ** 2)))
-    return FarReading(given.run_ids[given.run_of[farthest]], abs(t), following, p_value, sigma, given.series[0].unit)
+    run_id, unit = given.run_ids[given.run_of[farthest]], given.series[0].unit
+    return FarReading(run_id, abs(t), following, p_value, scatter / whole, unit)
