@@ -64,8 +64,10 @@ class UnevenScatter:
 
 @dataclass(frozen=True)
 class FarReading:
-    """A reading that is off from what all others say by `sigmas` times their `scatter`, which is in `unit` and a
-    reading's own, beside what readings share; the next of them is by `following`. `p_value` is that of the farthest of so many."""
+    """A reading that is off from what all others say by `sigmas` times their `scatter`; the next is by `following`.
+
+    The scatter, in `unit`, is a reading's own, beside what readings share; `p_value` that of the farthest of so many.
+    """
 
     run_id: str
     sigmas: float
