@@ -177,6 +177,7 @@ def test_the_quick_check_takes_under_ten_minutes_and_finds_a_healthy_axis(desk: 
     desk.campaign(("isa-rig.toml", "rig.toml"), text=(campaigns / "quick-check.toml").read_text())
     found = desk.run()
     assert found.status == 0, found.err
+    assert found.json["result"]["warnings"] == []
     check = found.json["result"]["quick_check"]
     assert check["passed"] is True
     assert abs(check["reversal"]) < 1e-3
