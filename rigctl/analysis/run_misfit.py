@@ -31,5 +31,5 @@ def said_of_misfit(version: int, chi2_per_dof: float, where: str, off_sigma: flo
     return (
         f"the model, version {version}, does not describe these data, and no sigma holds: chi2/dof {data}is "
         f"{chi2_per_dof:.3g}, and {where} is {off_sigma:+.1f} sigma off; look with `rigctl "
-        "compare`, then extend the model, or mend the runs.csv that was imported"
+        "compare`, then extend the model or, of an imported recording, correct its runs.csv"
     )
