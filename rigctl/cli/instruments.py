@@ -9,11 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
-from rigctl.campaign.session.holders import Used, told_to_leave
+from rigctl.campaign.session.holders import stopped_from_outside
 from rigctl.charge import in_charge
 from rigctl.cli.io import Json, RigToml, WireLog, number, print_json, print_outcome, say, tell
 from rigctl.core.errors import ConfigError
-from rigctl.core.making_safe import bring_to_rest, let_go
 from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 
@@ -25,11 +24,7 @@ def stop(rig: RigToml, as_json: Json = False) -> None:
     """Bring every instrument of a rig to rest; a program that uses one is told to leave."""
     file = read_rig(rig)
     # Not opened: a stop connects by itself, and must not wait until the others have answered.
-    instruments = Rig(file).instruments
-    with told_to_leave(file) as holders:
-        used = {name: holders[table.address] for name, table in file.instruments.items() if table.address in holders}
-        rests = bring_to_rest(Used(each, used[name]) if name in used else each for name, each in instruments.items())
-        let_go(instruments.values())
+    rests = stopped_from_outside(file, Rig(file).instruments)
     unsafe = [rest for rest in rests if not rest.confirmed]
     if as_json:
         stopped = sorted(rest.instrument for rest in rests if rest.confirmed)

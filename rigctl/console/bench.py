@@ -6,17 +6,18 @@ So one that hangs keeps nobody waiting: not the screen, not the others, and not 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from contextlib import ExitStack
 from pathlib import Path
 
 from textual.message import Message
 
+from rigctl.campaign.session.holders import stopped_from_outside
 from rigctl.charge import rig_of_ones_own
 from rigctl.console.messages import Stopped
 from rigctl.console.readings import InstrumentView, Strip
 from rigctl.console.station import Station
-from rigctl.core.making_safe import Rest, bring_to_rest, let_go
+from rigctl.core.making_safe import STOP_SIGNAL, Rest, bring_to_rest, let_go
 from rigctl.files.rig_file import RigFile, parse_rig
 from rigctl.rig import Rig
 
@@ -32,6 +33,8 @@ class LiveBench:
         self._held = held
         self._post = post
         self._closing = threading.Event()
+        self.addresses = frozenset(table.address for table in rig.file.instruments.values())
+        """Of all that is held."""
         self.stations = {
             name: Station(name, table, rig.instruments[name], self._closing, post)
             for name, table in rig.file.instruments.items()
@@ -99,11 +102,11 @@ def open_bench(file: RigFile, post: Callable[[Message], object]) -> LiveBench:
         raise
 
 
-def stop_from_outside(rig_toml: str, store: Path, post: Callable[[Message], object]) -> None:
-    """`rigctl stop` of the rig of a campaign's store: second connections, every instrument on its own thread."""
+def stop_from_outside(rig_toml: str, store: Path, held: Container[str], post: Callable[[Message], object]) -> None:
+    """`rigctl stop` of the rig of a campaign's store, but for addresses `held` here, which the bench stops."""
     file = parse_rig(rig_toml, store)
-    if all(table.simulated for table in file.instruments.values()):
-        return  # they live in the campaign's process, which is asked to abort
-    instruments = Rig(file).instruments.values()
-    post(Stopped(bring_to_rest(instruments)))
-    let_go(instruments)
+    # Simulators that live in the campaign's process stop with it: it is asked to abort.
+    outside = {name for name, table in file.instruments.items() if not (table.simulated or table.address in held)}
+    instruments = {name: each for name, each in Rig(file).instruments.items() if name in outside}
+    if instruments:
+        post(Stopped(stopped_from_outside(file, instruments, STOP_SIGNAL)))

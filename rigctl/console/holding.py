@@ -27,6 +27,7 @@ class Holding:
         self._post = post
         self._call = call
         self._one_at_a_time = threading.Lock()
+        self._stopping_outside = threading.Lock()
 
     def take(self, rig: Path | None = None) -> None:
         """Hold a rig, or again the one that was given free; `BenchTaken` is posted when it is there or refused."""
@@ -85,7 +86,9 @@ class Holding:
                 # The rig held so far may share instruments with the one to come.
                 self._let_go()
                 self.rig = rig
-                self.bench = open_bench(file, self._post)
+                # A campaign that was stopped gives its rig free: a serial line has no room for the stop and a bench.
+                with self._stopping_outside:
+                    self.bench = open_bench(file, self._post)
         finally:
             self._post(BenchTaken())
 
@@ -96,4 +99,6 @@ class Holding:
     def _stop_from_outside(self, view: StoreView) -> None:
         from rigctl.console.bench import stop_from_outside
 
-        stop_from_outside(view.rig_toml, view.path, self._post)
+        with self._stopping_outside:
+            held = frozenset[str]() if self.bench is None else self.bench.addresses
+            stop_from_outside(view.rig_toml, view.path, held, self._post)

@@ -17,6 +17,7 @@ import pytest
 from rigctl.campaign.session import holders, locks
 from rigctl.campaign.session.addresses import Claim
 from rigctl.core.errors import ConfigError, DataError, RigError
+from rigctl.core.making_safe import STOP_SIGNAL
 from rigctl.files.rig_file import RigFile, parse_rig
 
 
@@ -239,6 +240,8 @@ def test_who_does_not_leave_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
             assert holder.process == process.pid
             with pytest.raises(RigError, match=f"process {process.pid} uses it and has not left 0.05 s after"):
                 holder.await_left()
-            process.kill()
-            monkeypatch.setattr(holders, "LEAVES_S", 30.0)
+        monkeypatch.setattr(holders, "LEAVES_S", 30.0)
+        with holders.told_to_leave(file, STOP_SIGNAL) as told:
+            (holder,) = told.values()
             holder.await_left()
+        assert process.wait() == -STOP_SIGNAL

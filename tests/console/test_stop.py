@@ -16,6 +16,7 @@ from textual.drivers._writer_thread import MAX_QUEUED_WRITES, WriterThread
 
 from rigctl.campaign.session.questions import Question
 from rigctl.console import messages as say
+from rigctl.console.bench import stop_from_outside
 from rigctl.console.campaigns import last_line, log_of
 from rigctl.console.store_view import StoreView
 from rigctl.console.terminal import outliving, watch_terminal
@@ -132,7 +133,9 @@ def test_stop_aborts_the_campaign_that_is_watched(desk: Any, serve: Any, at_cons
         assert seat.app._view is not None
         assert seat.app._view.state == "aborted"
         await seat.press("5")
-        await seat.sees("STOP")
+        # Also the lasers' serial line, which has no room for the campaign and the console at once.
+        await seat.sees("STOP: confirmed at rest: rotation, stage, lasers_a, lasers_b")
+        assert seat.app._unsafe == {}
 
     at_console(sitting, desk.directory / "campaign.toml")
     assert rig.process.poll() is None
@@ -290,6 +293,18 @@ def test_a_stop_of_a_campaign_that_has_just_ended_is_no_alarm(measured: Path, at
         assert seat.app._alarms == 0
 
     at_console(sitting, measured, size=(120, 24))
+
+
+def test_what_this_console_holds_is_not_stopped_by_a_second_connection_for_which_it_has_no_room() -> None:
+    held, other = "tcp://127.0.0.1:1", "tcp://127.0.0.1:2"
+    rig = "".join(
+        f'[instruments.{name}]\ndriver = "newport-xps"\naddress = "{address}"\nrole = "spare"\n'
+        for name, address in (("ours", held), ("theirs", other))
+    )
+    told: list[Any] = []
+    # As after a campaign that was killed: its rig was taken, and F8 is of the campaign too.
+    stop_from_outside('[rig]\nname = "x"\n' + rig, Path("killed.rig.sqlite"), {held}, told.append)
+    assert [[rest.instrument for rest in each.rests] for each in told] == [["theirs"]]
 
 
 def test_what_came_of_a_stop_takes_the_place_of_an_older_error(at_console: Any) -> None:

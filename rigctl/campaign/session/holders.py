@@ -1,7 +1,8 @@
 """The programs that hold a rig's instruments, and how they are told to bring them to rest and leave.
 
 A serial line has no room for two: their bytes would mix, and each would take the other's replies. Who wants to stop
-what another program uses therefore has it leave; TERM makes every program of ours stop all at once, and confirm.
+what another program uses therefore has it leave; TERM, or a console's STOP, makes every program of ours stop all at
+once, and confirm.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import os
 import select
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from pathlib import Path
 from rigctl.campaign.session.locks import claimed_by, instrument_lock
 from rigctl.core.errors import ConfigError, RigError
 from rigctl.core.interfaces import Instrument
+from rigctl.core.making_safe import Rest, bring_to_rest, let_go
 from rigctl.files.rig_file import RigFile
 
 LOCKS = Path("/proc/locks")
@@ -64,9 +66,23 @@ class Used:
         self.instrument.stop()
 
 
+def stopped_from_outside(
+    rig: RigFile, instruments: Mapping[str, Instrument], by: signal.Signals = signal.SIGTERM
+) -> tuple[Rest, ...]:
+    """Bring some instruments of a rig to rest, by name, whoever uses them: `by` tells all others to leave.
+
+    The instruments need not be connected, and are not afterwards.
+    """
+    with told_to_leave(rig, by) as holders:
+        used = {name: holders[at] for name in instruments if (at := rig.instruments[name].address) in holders}
+        rests = bring_to_rest(Used(each, used[name]) if name in used else each for name, each in instruments.items())
+        let_go(instruments.values())
+    return rests
+
+
 @contextmanager
-def told_to_leave(rig: RigFile) -> Iterator[dict[str, Holder]]:
-    """Tell every other program that holds an instrument of a rig to leave; who that is, by address."""
+def told_to_leave(rig: RigFile, by: signal.Signals = signal.SIGTERM) -> Iterator[dict[str, Holder]]:
+    """Tell every other program that holds an instrument of a rig to leave; who that is, by address; `by` tells it."""
     with ExitStack() as stack:
         holders: dict[int, Holder] = {}
         by_address: dict[str, Holder] = {}
@@ -77,7 +93,7 @@ def told_to_leave(rig: RigFile) -> Iterator[dict[str, Holder]]:
                     handle = os.pidfd_open(process)
                     stack.callback(os.close, handle)
                     if process_at(lock) == process:  # the handle is of the one that holds it, not of a later one
-                        holders[process] = _tell(process, handle)
+                        holders[process] = _tell(process, handle, by)
             if process in holders:
                 by_address[address] = holders[process]
         yield by_address
@@ -108,9 +124,9 @@ def _locks(rig: RigFile) -> list[tuple[str, Path]]:
     return [(address, instrument_lock(claim)) for address, claims in claimed for claim in claims if not claim.shared]
 
 
-def _tell(process: int, handle: int) -> Holder:
+def _tell(process: int, handle: int, by: signal.Signals) -> Holder:
     try:
-        signal.pidfd_send_signal(handle, signal.SIGTERM)
+        signal.pidfd_send_signal(handle, by)
     except PermissionError:
         return Holder(process, handle, time.monotonic(), "belongs to another user")
     return Holder(process, handle, time.monotonic())
