@@ -361,6 +361,16 @@ def test_a_mark_says_one_thing_and_why(done: Any, arguments: list[str], said: st
     assert done.rigctl("status", done.store, "--json").json["runs_invalid"] == before
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [["mark", "S", "T\udcfcr", "x", "--invalid"], ["mark", "S", "1", "T\udcfcr", "--invalid"],
+     ["noise", "S", "--run", "T\udcfcr"], ["export", "S", "o.csv", "--run", "T\udcfcr"], ["answer", "S", "T\udcfcr"]],
+    ids=["run", "reason", "noise", "export", "answer"],
+)  # fmt: skip
+def test_words_of_a_terminal_with_another_encoding_are_refused(desk: Any, arguments: list[str]) -> None:
+    desk.rigctl(*arguments).refused(2, "is no UTF-8; set the terminal to it")
+
+
 def test_runs_are_marked_by_their_name(done: Any) -> None:
     done.rigctl("mark", done.store, "77", "--invalid", "a truck").refused(2, "no run 77", "nearest")
     assert done.rigctl("mark", done.store, "1", "--invalid", "a truck went by").status == 0

@@ -12,7 +12,7 @@ import typer
 from rigctl.campaign.bundle.bundle import import_bundle, import_report, salvage_bundle, write_bundle
 from rigctl.campaign.recording import READINGS, ImportReport
 from rigctl.campaign.store.store import Store
-from rigctl.cli.io import Json, Plugins, StoreFile, print_json, print_outcome, say, tell
+from rigctl.cli.io import Json, Plugins, StoreFile, print_json, print_outcome, say, tell, words
 from rigctl.cli.steering import tell_if_unchecked
 from rigctl.composition import opened_workbench
 from rigctl.core.errors import UNFIT, ConfigError, either
@@ -85,7 +85,7 @@ def export(
         typer.Option("--format", metavar="FORMAT", help="bundle, hdf5, nexus, parquet or csv; else as OUT is named"),
     ] = "",
     run: Annotated[
-        str | None, typer.Option("--run", metavar="RUN", help="csv: the run whose samples to write.")
+        str | None, typer.Option("--run", metavar="RUN", parser=words, help="csv: the run whose samples to write.")
     ] = None,
     salvage: Annotated[
         bool, typer.Option("--salvage", help="Save what verifies of a damaged store, and runs that were cut off.")

@@ -59,6 +59,15 @@ def number(text: str | float) -> float:
         raise typer.BadParameter(f"{text!r}; write {expected}") from None
 
 
+def words(text: str) -> str:
+    """Text of a command line that a store can have; a usage error where the terminal writes in another encoding."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise typer.BadParameter(f"{text!r} is no UTF-8; set the terminal to it, or write plain letters") from None
+    return text
+
+
 def print_json(document: object) -> None:
     """One document on stdout; JSON has no NaN, so what is not finite is null."""
     # Paths and dates go as text.

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from rigctl.analysis.stability.allan import TAUS
-from rigctl.cli.io import Json, number, print_json, say
+from rigctl.cli.io import Json, number, print_json, say, words
 from rigctl.core.bounds import NoFile, open_regular
 from rigctl.core.errors import ConfigError, DataError, either
 from rigctl.report.figures.data import Plate, write_plates
@@ -27,7 +27,8 @@ app = typer.Typer(add_completion=False)
 def noise(
     source: Annotated[Path, typer.Argument(metavar="SOURCE", help="A store, or a CSV file with a header.")],
     run: Annotated[
-        list[str] | None, typer.Option(metavar="RUN", help="A run of the store; default: the longest valid one.")
+        list[str] | None,
+        typer.Option(metavar="RUN", parser=words, help="A run of the store; default: the longest valid one."),
     ] = None,
     channel: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="A channel or column; default: all that vary.")

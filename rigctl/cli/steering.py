@@ -9,7 +9,7 @@ import typer
 
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
-from rigctl.cli.io import Json, StoreFile, print_outcome, tell
+from rigctl.cli.io import Json, StoreFile, print_outcome, tell, words
 from rigctl.core.errors import ConfigError
 from rigctl.report.quantities import duration
 from rigctl.report.status_lines import status_lines
@@ -35,7 +35,7 @@ def abort(store: StoreFile, as_json: Json = False) -> None:
 @app.command()
 def answer(
     store: StoreFile,
-    text: Annotated[str, typer.Argument(metavar="TEXT", help="done or abort; yes or no.")],
+    text: Annotated[str, typer.Argument(metavar="TEXT", parser=words, help="done or abort; yes or no.")],
     as_json: Json = False,
 ) -> None:
     """Answer what a running campaign asks the operator."""
@@ -78,8 +78,8 @@ def tell_if_unchecked(store: Path) -> None:
 @app.command()
 def mark(
     store: StoreFile,
-    run_id: Annotated[str, typer.Argument(metavar="RUN")],
-    reason: Annotated[str, typer.Argument(metavar="REASON")],
+    run_id: Annotated[str, typer.Argument(metavar="RUN", parser=words)],
+    reason: Annotated[str, typer.Argument(metavar="REASON", parser=words)],
     valid: Annotated[bool, typer.Option("--valid", help="Use the run.")] = False,
     invalid: Annotated[bool, typer.Option("--invalid", help="Leave the run out.")] = False,
     as_json: Json = False,
