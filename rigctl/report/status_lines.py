@@ -27,7 +27,9 @@ def status_lines(status: Mapping[str, Any]) -> list[str]:
     lines = [", ".join(filter(None, [f"{status['state']}: {runs}", left]))]
     if asked:
         words = "|".join(asked["choices"])
-        lines.append(f"WAITS FOR YOU: {asked['text'].strip()} Or from here: `rigctl answer STORE {words}`")
+        # What to type there is of the campaign's own terminal.
+        text = asked["text"].partition(" Type ")[0].strip()
+        lines.append(f"WAITS FOR YOU: {text} Answer at its terminal, or with `rigctl answer STORE {words}`")
     age_s = status.get("heartbeat_age_s")
     if age_s is not None and age_s > STALLED_S:
         lines.append(

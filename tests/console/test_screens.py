@@ -16,6 +16,7 @@ import pytest
 
 from rigctl.campaign.store.entries import CERTIFIED
 from rigctl.campaign.store.store import Store
+from rigctl.console.widgets.bars import Standing, TopBar
 from rigctl.console.widgets.plot import Plot
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -377,3 +378,15 @@ def test_a_move_outside_the_limits_is_refused_where_it_is_typed(desk: Any, at_co
         await seat.until(lambda: at(seat, 169.0))
 
     at_console(sitting, desk.directory / "rig.toml")
+
+
+def test_what_is_open_and_how_it_stands_are_two_words_whatever_their_length(at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        bar = seat.app._base.query_one(TopBar)
+        for length in range(30, 60):
+            bar.watch_standing(Standing("n" * length, "INTERRUPTED 3/18", 2, True))
+            shown = str(bar.query_one("#standing").render())
+            assert " INTERRUPTED 3/18 ! 2 alarms" in shown, shown
+            assert len(shown) <= 80 - 12
+
+    at_console(sitting)

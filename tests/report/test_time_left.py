@@ -44,6 +44,13 @@ def test_a_stalled_campaign_is_told_no_time() -> None:
     assert "STALLED" in lines[1]
 
 
+def test_a_question_is_told_with_how_to_answer_it_from_here() -> None:
+    asked = {"number": 1, "text": "Level the package. Type 'done', or 'abort': ", "choices": ["done", "abort"]}
+    lines = status_lines(status("running", question=asked))
+    said = "WAITS FOR YOU: Level the package. Answer at its terminal, or with `rigctl answer STORE done|abort`"
+    assert lines[:2] == ["running: 2 of 9 runs (0 invalid)", said]
+
+
 def test_what_is_done_has_no_time_left() -> None:
     assert status_lines(status("done"))[0] == "done: 2 of 9 runs (0 invalid)"
 

@@ -62,7 +62,8 @@ class TopBar(Horizontal):
         bell = "" if standing.bell else " bell off"
         right = f"{standing.campaign}{alarms}{bell} "
         room = max(self.size.width - 12 - len(right), 8)
-        name = standing.name if len(standing.name) < room else standing.name[: room - 2] + "…"
+        # A space before what follows it.
+        name = standing.name if len(standing.name) <= room - 2 else standing.name[: room - 3] + "…"
         text = Text(f" {name:<{room - 1}}", no_wrap=True)
         text.append(standing.campaign, style="bold")
         text.append(alarms, style="bold reverse" if alarms else "")
