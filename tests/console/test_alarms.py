@@ -26,6 +26,7 @@ from rigctl.console.screens.rig import _rows
 from rigctl.console.store_view import StoreView
 from rigctl.console.telling import Bell, Notes
 from rigctl.console.vitals import NOTHING_RECORDED_S, Vitals
+from rigctl.console.widgets.bars import AlarmStrip
 from rigctl.core.making_safe import Rest
 from rigctl.report.shown import Watch
 
@@ -194,3 +195,25 @@ def test_a_recorded_value_is_as_old_as_the_run_it_was_measured_in() -> None:
     (oven,) = recorded_instruments(StoreView(**{**vars(view), "runs": (run,)}))
     ((_, row),) = _rows(oven)
     assert row[2:5] == ("temperature", "21.50 degC", "2.0 h!")
+
+
+def test_alarms_that_do_not_fit_have_a_row_each_and_what_is_beyond_is_counted(at_console: Any) -> None:
+    why = "no connection, cannot open /dev/ttyUSB0; check power and cable, then reconnect"
+
+    async def sitting(seat: Any) -> None:
+        strip = seat.app._base.query_one(AlarmStrip)
+
+        async def told(names: str) -> list[str]:
+            seat.app._unsafe = {name: Rest(name, False, 5.0, why) for name in names}
+            await seat.sees(f"! {names[0]}: NOT CONFIRMED")
+            return [line.strip() for line in seat.text.splitlines()[2 : 2 + strip.size.height]]
+
+        assert len(await told("abc")) == 6
+        rows = await told("defgh")
+        assert [row[:3] for row in rows] == ["! d", "! e", "! f", "! g", "! h"]
+        assert all(row.endswith("…") for row in rows)
+        rows = await told("ijklmno")
+        assert len(rows) == 6
+        assert rows[-1] == "! and 2 more: 5 has all"
+
+    at_console(sitting)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from rich.console import Console as RichConsole
+from rich.console import ConsoleOptions
 from rich.style import Style
 from rich.text import Text
 from textual.app import ComposeResult
@@ -104,11 +106,32 @@ class TabBar(Horizontal):
             await self.app.run_action(f"screen('{name}')")
 
 
+ALARM_ROWS = 6
+"""A screen of 24 rows has no more for alarms."""
+
+
+class _Alarms:
+    """Alarms whole where they fit, else a row each; what is beyond is counted, never left out without a word."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        self._lines = lines
+
+    def __rich_console__(self, console: RichConsole, options: ConsoleOptions) -> Iterator[Text]:
+        told = [Text(f"! {line}", style="bold") for line in self._lines]
+        if sum(len(each.wrap(console, options.max_width)) for each in told) > ALARM_ROWS:
+            if len(told) > ALARM_ROWS:
+                beyond = len(told) - (ALARM_ROWS - 1)
+                told = [*told[: ALARM_ROWS - 1], Text(f"! and {beyond} more: 5 has all", style="bold")]
+            for each in told:
+                each.truncate(options.max_width, overflow="ellipsis")
+        yield from told
+
+
 class AlarmStrip(Static):
     """A line for each thing that needs the operator, as long as it is so; not there when there is nothing."""
 
     DEFAULT_CSS = """
-    AlarmStrip { height: auto; max-height: 6; display: none; background: $warning; color: $stop-text; }
+    AlarmStrip { height: auto; display: none; background: $warning; color: $stop-text; }
     AlarmStrip.shown { display: block; }
     """
 
@@ -122,7 +145,7 @@ class AlarmStrip(Static):
             return
         self._lines = tuple(lines)
         self.set_class(bool(lines), "shown")
-        self.update(Text("\n".join(f"! {line}" for line in lines), style="bold"))
+        self.update(_Alarms(self._lines))
 
     async def on_click(self) -> None:
         """Deal with what is asked."""
