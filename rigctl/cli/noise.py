@@ -44,7 +44,9 @@ def noise(
     ] = "octave",
     confidence: Annotated[float, typer.Option(metavar="P", parser=number, help="Of the intervals.")] = 0.6827,
     above: Annotated[float, typer.Option(metavar="HZ", parser=number, help="Fit the density from here on.")] = 0.0,
-    below: Annotated[float, typer.Option(metavar="HZ", parser=number, help="Fit the density up to here.")] = 1e40,
+    below: Annotated[
+        float, typer.Option(metavar="HZ", parser=number, show_default="all", help="Fit the density up to here.")
+    ] = 1e40,
     without_lines: Annotated[
         bool, typer.Option("--without-lines", help="Take steady sines out before the Allan family.")
     ] = False,

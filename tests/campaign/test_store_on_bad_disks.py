@@ -84,7 +84,7 @@ def test_a_campaign_whose_disk_is_full_stops_the_rig_says_so_and_is_resumed(desk
     monkeypatch.setattr(Rig, "stop", stopped)
     with watched_files(layer):
         ended = desk.rigctl("run", "campaign.toml", "--store", desk.store, "--yes")
-    said = f"{desk.store}: the disk is full; free some space, then `rigctl resume`"
+    said = f"{desk.store}: the disk is full; free some space, then `rigctl resume`, or give the command again"
     assert (ended.status, ended.err.splitlines()[-1]) == (1, said)
     assert order[-1] == "stop"
     with watched_files(layer):

@@ -152,7 +152,7 @@ def _operational(path: Path, error: sqlite3.OperationalError) -> str:
     if code == sqlite3.SQLITE_READONLY or (code == sqlite3.SQLITE_CANTOPEN and not place.can_be_written(path)):
         return place.READ_ONLY
     if code == sqlite3.SQLITE_FULL:
-        return "the disk is full; free some space, then `rigctl resume`"
+        return "the disk is full; free some space, then `rigctl resume`, or give the command again"
     # SQLite keeps the system's own word for it to itself; its own name says at least at what.
     if code == sqlite3.SQLITE_IOERR:
         return f"the store cannot be used ({text}, {error.sqlite_errorname}); check the disk{_limit()}"
