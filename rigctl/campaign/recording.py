@@ -187,7 +187,7 @@ def why_none(source: RunSource, left_out: Mapping[str, str]) -> str:
     invalid = {record.run_id: record.reason for record in source.runs() if not record.valid}
     for run_id, reason in {**left_out, **invalid}.items():
         return f"run {run_id}: {reason.removeprefix(f'run {run_id}: ') or 'it is marked invalid'}"
-    return "there is no run"
+    return "there is no run; measure some, and of a study of draws look at `rigctl result`"
 
 
 @dataclass(frozen=True)

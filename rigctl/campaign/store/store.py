@@ -235,7 +235,7 @@ class Store:
     def _nearest(self, run_id: str) -> str:
         known = [name for (name,) in self._rows.read("SELECT run_id FROM runs ORDER BY number")]
         if not known:
-            return "it has no runs yet"
+            return "it has no runs; measure some, and of a study of draws look at `rigctl result`"
         if known == [READINGS]:
             left_out = "a row is left out by valid = 0 in readings.csv, imported anew"
             return f"the rows of a table are one run, {READINGS}; {left_out}"
