@@ -33,7 +33,6 @@ from drivers.newport_xps_group import (
     NOT_REFERENCED,
     ONLY_KILL_STOPS,
     READY,
-    READY_FROM_HOMING,
     XpsGroup,
 )
 from drivers.newport_xps_socket import FIRMWARE, XpsSocket
@@ -87,8 +86,6 @@ class NewportXps:
         # Read from the controller and given back with every profile, as they were tuned for the stage.
         self._jerk_times_s: tuple[float, ...] = ()
         self._profile = (0.0, 0.0)
-        self._moved = False
-        """The state in which our last motion left it is no longer that of a group that was just homed."""
         self._stops = 0
         # One motion at a time: the second would be answered by -1, busy socket.
         self._one_motion = threading.Lock()
@@ -170,7 +167,7 @@ class NewportXps:
             self._prepare()
             status = self._wire.status()
             # Killed first: initialising what is initialised is refused, or a driver fault (RGV100BL).
-            if status in NOT_INITIALISED or self._homed_by_others(status):
+            if status in NOT_INITIALISED:
                 self._move(f"GroupKill({self._group})", stops)
                 self._move(f"GroupInitialize({self._group})", stops)
                 # Asked again after each step: which steps are left depends on what the last one has led to.
@@ -180,19 +177,13 @@ class NewportXps:
                 status = self._wire.status()
             if status == NOT_REFERENCED:
                 self._move(f"GroupHomeSearch({self._group})", stops)
-                self._moved = False
                 status = self._wire.status()
             if status not in READY:
                 raise self._wire.not_ready(status)
 
     def is_homed(self) -> bool:
-        """True when the group is in one of its ready states, and nobody else has found it a reference."""
-        status = self._wire.status()
-        return status in READY and not self._homed_by_others(status)
-
-    def _homed_by_others(self, status: int) -> bool:
-        """Its zero may be any place: EPICS sets positions in the referencing state, which ends as homing does."""
-        return self._moved and status == READY_FROM_HOMING
+        """True when the group is in one of its ready states."""
+        return self._wire.status() in READY
 
     def safety_stop(self) -> str:
         """The group's state, when an emergency signal or an end of run has brought it there."""
@@ -246,12 +237,6 @@ class NewportXps:
             # Two more exchanges only where the profile changes.
             if self._profile != (speed_deg_s, acceleration_deg_s2):
                 self._set_profile(speed_deg_s, acceleration_deg_s2)
-            if self._homed_by_others(self._wire.status()):
-                raise InstrumentError(
-                    f"{self.name}: group {self._group} was homed or referenced by somebody else, its zero may be "
-                    "another place; home it",
-                    instrument=self.name,
-                )
             request = f"GroupMoveAbsolute({self._group},{plain(angle_deg)})"
             self._move(request, stops)
             self._require_arrived(request, angle_deg)
@@ -294,7 +279,6 @@ class NewportXps:
         status, reached_deg = self._wire.status(), self.angle().value
         # The other socket may be heard first, when nothing moves yet: hence also where it stands.
         if status not in IN_MOTION and abs(reached_deg - angle_deg) <= self._settings.arrival_tolerance_deg:
-            self._moved = status != READY_FROM_HOMING
             return
         self._motions.give_up()
         # What goes on is stopped, as where no reply has come; that this fails as well must not hide why.

@@ -10,7 +10,6 @@ from rigctl.core.errors import BadReply, InstrumentError, LinkError, RigError, S
 
 # Numbers of GroupStatusGet, as three public drivers agree on them.
 NOT_INITIALISED = frozenset({*range(10), 50, 63, 66, 67, 71, 72, 83, 106})
-READY_FROM_HOMING = 11
 READY = frozenset({*range(10, 20), 56, 70, 77})
 DISABLED_BY_SOMETHING = frozenset(range(84, 104))
 """States of newer firmware (XPS-D): disabled by an interlock, a time-out or an interferometer; its text tells."""

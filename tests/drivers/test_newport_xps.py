@@ -15,8 +15,6 @@ from drivers.transport import InProcessTransport
 from rigctl.core.errors import BadReply, InstrumentError, LinkError, LinkTimeout, MotionStopped, OutOfStep
 from rigctl.core.interfaces import Identity
 from simulators.clock import VirtualClock
-from simulators.motion import MotionAxis
-from simulators.newport_xps import SimulatedXps
 
 END = b",EndOfAPI"
 SILENCE = b""
@@ -155,51 +153,12 @@ def test_a_group_that_is_jogging_is_not_touched() -> None:
     assert not any("Kill" in text or "Home" in text for text in controller.texts())
 
 
-# As EPICS' motor support sets a position.
-SAID = (
-    "GroupKill(Group1)",
-    "GroupInitialize(Group1)",
-    "GroupReferencingStart(Group1)",
-    "GroupReferencingActionExecute(Group1.Pos,SetPosition,None,33)",
-    "GroupReferencingStop(Group1)",
-)
-
-
-def test_a_position_that_another_client_has_set_is_no_reference() -> None:
-    clock, axis = VirtualClock(), MotionAxis(3.0)
-    controller = SimulatedXps(clock, {"Group1": {"Pos": axis}})
-    stage = NewportXps("rotation", XpsSettings(), lambda: InProcessTransport("sim:xps", controller, clock), clock)
-    stage.open()
-    stage.home()
-    stage.move_to(5.0)
-    stage.move_to(6.0)
-    other = controller.connect(lambda _: None)
-    for request in SAID:
-        other.receive(request.encode())
-        clock.sleep_s(10.0)
-    assert stage.angle().value == pytest.approx(33.0, abs=1e-3)
-    assert not stage.is_homed()
-    with pytest.raises(InstrumentError, match="group Group1 was homed or referenced by somebody else"):
-        stage.move_to(5.0)
-    stage.home()
-    stage.move_to(5.0)
-    assert axis.position(clock.now_s()) == pytest.approx(5.0, abs=1e-3)
-
-
-def test_a_move_that_leaves_the_group_as_homed_is_nobody_elses_homing() -> None:
-    stage, _ = opened({"GroupPositionCurrentGet(Group1,double *)": b"0,12.5,EndOfAPI"})
-    for _ in range(2):
-        stage.move_to(12.5)
-    assert stage.is_homed()
-
-
 def test_moves_and_queries_have_a_socket_each() -> None:
     stage, controller = opened({"GroupPositionCurrentGet(Group1,double *)": b"0,12.500314605934,EndOfAPI"})
     stage.move_to(12.5)
     assert stage.angle().value == 12.500314605934
     assert controller.requests == [
         *((1, text) for text in PREPARATION),
-        (1, "GroupStatusGet(Group1,int *)"),
         (2, "GroupMoveAbsolute(Group1,12.5)"),
         (1, "GroupStatusGet(Group1,int *)"),
         (1, "GroupPositionCurrentGet(Group1,double *)"),

@@ -82,15 +82,12 @@ def test_the_words_of_a_turn_and_back_to_the_limits() -> None:
     assert platform.requests == [
         "GroupPositionCurrentGet(Group1,double *)",
         "PositionerSGammaParametersSet(Group1.Pos,36,11.309734,0.02,0.02)",
-        "GroupStatusGet(Group1,int *)",
         "GroupMoveAbsolute(Group1,180)",
         *ARRIVED,
         "GroupPositionCurrentGet(Group1,double *)",
-        "GroupStatusGet(Group1,int *)",
         "GroupMoveAbsolute(Group1,0)",
         *ARRIVED,
         "PositionerSGammaParametersSet(Group1.Pos,100,60,0.02,0.02)",
-        "GroupStatusGet(Group1,int *)",
         "GroupMoveAbsolute(Group1,5)",
         *ARRIVED,
     ]
