@@ -134,7 +134,8 @@ def test_stop_aborts_the_campaign_that_is_watched(desk: Any, serve: Any, at_cons
         assert seat.app._view.state == "aborted"
         await seat.press("5")
         # Also the lasers' serial line, which has no room for the campaign and the console at once.
-        await seat.sees("STOP: confirmed at rest: rotation, stage, lasers_a, lasers_b")
+        for name in ("rotation", "stage", "lasers_a", "lasers_b"):
+            await seat.sees(f"STOP: {name}: confirmed at rest")
         assert seat.app._unsafe == {}
 
     at_console(sitting, desk.directory / "campaign.toml")
