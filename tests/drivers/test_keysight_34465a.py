@@ -180,19 +180,6 @@ def test_scaling_that_another_client_switched_on_is_switched_off() -> None:
     assert bench.thermometer.temperature().value == 21.25
 
 
-def test_a_record_that_was_scaled_on_its_way_is_refused() -> None:
-    bench = Bench(volts=lambda times: np.full_like(times, 1.25))
-    bench.paced.arm(10, 0.1)
-    bench.pacing.start(10, 0.1)
-    bench.clock.sleep_s(0.55)
-    for meter in (bench.master, bench.slave):
-        bench.tell(meter, SCALED)
-    bench.clock.sleep_s(1.0)
-    for record in (bench.pacing.fetch, bench.paced.collect):
-        with pytest.raises(InstrumentError, match=r"scaling was switched on.*CALC:SCAL"):
-            record()
-
-
 def test_the_input_is_of_ten_megohms_whatever_another_client_has_set() -> None:
     bench = Bench()
     for meter, measure in ((bench.master, bench.pacing.voltage), (bench.slave, lambda: bench.paced.arm(10, 0.1))):
@@ -239,16 +226,20 @@ def test_a_meter_without_smoothing_is_asked_for_it_no_more(monkeypatch: pytest.M
     assert asked.count(b"CALC:SCAL:STAT?\n") == 8
 
 
-def test_a_record_that_was_smoothed_on_its_way_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("altered", "said"),
+    [(SCALED, r"scaling was switched on.*CALC:SCAL"), (SMOOTHED, r"smoothing was switched on.*CALC:SMO")],
+)
+def test_a_record_that_was_altered_on_its_way_is_refused(altered: bytes, said: str) -> None:
     bench = Bench()
     bench.paced.arm(10, 0.1)
     bench.pacing.start(10, 0.1)
     bench.clock.sleep_s(0.55)
     for meter in (bench.master, bench.slave):
-        bench.tell(meter, SMOOTHED)
+        bench.tell(meter, altered)
     bench.clock.sleep_s(1.0)
     for record in (bench.pacing.fetch, bench.paced.collect):
-        with pytest.raises(InstrumentError, match=r"smoothing was switched on.*CALC:SMO"):
+        with pytest.raises(InstrumentError, match=said):
             record()
 
 
